@@ -139,7 +139,7 @@ WRONG: list[tuple[type[Term], dict[str, Any], str]] = [
     (TrackedPoint, {}, "tracked_point: found no position; expected position: (n, 3) in m"),
     (TrackedPoint, {"position": SEEN[:5]}, "position: found shape (5, 3); expected shape (12, 3)"),
     (TrackedPoint, {"position": SEEN * np.nan}, "position[0, 0]: found nan"),
-    (TrackedPoint, {"position": SEEN * 1e9}, "coordinates of a grid? subtract an origin"),
+    (TrackedPoint, {"position": SEEN * 1e9}, "coordinates of a grid, subtract an origin"),
     (TrackedPoint, {"position": "here"}, "position: found no array of numbers"),
     (TrackedPoint, {"position": SEEN + 1j}, "position: found no array of numbers"),
     (TrackedPoint, {"position": [[1, 2, 3], [4, 5]]}, "position: found no array of numbers"),

@@ -26,34 +26,34 @@ from suta_calib.errors import InputError, SutaCalibError, did_you_mean, shortene
 
 # What --help says of each; the module of its name holds the click command.
 COMMANDS: Final = {
-    "calibrate": "Calibrate an arm: everything a job asks for.",
-    "observe": "What a job's data can and cannot determine.",
-    "study": "How many sets are enough, and how far answers scatter.",
-    "extend": "Eccentric encoders, joints that yield: worth having?",
-    "budget": "What the errors come from: encoders, seating, artefact.",
-    "view": "The arm in 3-D: what was touched, errors, uncertainty.",
-    "validate": "A job's validation data through any URDF.",
-    "outliers": "What in a job's data does not agree with the rest.",
-    "init": "Start a job for a URDF: commented files to fill in.",
+    "calibrate": "Calibrate an arm, with everything that the job asks for.",
+    "observe": "Show which parameters the data of a job can determine.",
+    "study": "How many sets are enough, and how much results scatter.",
+    "extend": "Find errors beside geometry that are worth modelling.",
+    "budget": "Split the error into encoders, seating, artefact and model.",
+    "view": "Show the arm in 3-D with touches, errors and uncertainty.",
+    "validate": "Test any URDF with the validation data of a job.",
+    "outliers": "Find the data of a job that contradict the rest.",
+    "init": "Start a job for a URDF: write commented files to fill in.",
     "simulate": "Simulate measurements of an arm with known errors.",
-    "pivot": "The tip of a tracked tool that pivots on a point.",
-    "detect": "A board's corners in pictures, and the camera.",
-    "hand-eye": "Where a camera is: AX=XB or AX=ZB.",
-    "register": "A rigid transform between corresponding points.",
-    "stereotactic": "Two trackers, distortion and CT: JHU files.",
-    "certify": "An artefact from raw laser tracker points.",
-    "monitor": "What a device sends, live, and what is wrong with it.",
-    "emulate": "An arm without the arm: frames on a virtual port.",
-    "track": "The calibrated tip live: console, files, OpenIGTLink, UDP.",
-    "path-accuracy": "How well a recorded motion follows a reference.",
-    "measure": "From an arm on a cable to a samples file.",
-    "plan": "Where to measure next, and when to stop.",
-    "tip-map": "How sure the tip is, over the whole workspace.",
-    "zero-offsets": "Encoder offsets from known poses of the tip.",
-    "repeatability": "How well an arm comes back; its encoders.",
-    "iso10360": "Acceptance test of a measuring arm, ISO 10360-12.",
-    "import": "Other programs' recordings, tables, robots: as samples or poses.",
-    "export": "A result as other programs read it.",
+    "pivot": "Find the tip of a tracked tool that pivots about a point.",
+    "detect": "Find the corners of a board in pictures, and the camera.",
+    "hand-eye": "Find the pose of a camera: AX=XB or AX=ZB.",
+    "register": "Find the rigid transform between corresponding points.",
+    "stereotactic": "Two trackers, distortion and CT from JHU's files.",
+    "certify": "Make an artefact file from raw laser tracker points.",
+    "monitor": "Show live what a device sends and what is wrong with it.",
+    "emulate": "Emulate an arm: send its frames to a virtual port.",
+    "track": "Send the live tip to console, files, OpenIGTLink or UDP.",
+    "path-accuracy": "Compare a recorded motion with a reference.",
+    "measure": "Record a samples file from a connected arm.",
+    "plan": "Choose where to measure next, and when to stop.",
+    "tip-map": "Show the uncertainty of the tip in the workspace.",
+    "zero-offsets": "Find encoder offsets from known poses of the tip.",
+    "repeatability": "Measure the repeatability of an arm and its encoder noise.",
+    "iso10360": "Acceptance test of a measuring arm by ISO 10360-12.",
+    "import": "Convert recordings, tables and robots of other programs.",
+    "export": "Write a result in the format of another program.",
 }
 
 # Earlier names of commands, which scripts still use.
@@ -124,7 +124,7 @@ class LazyGroup(click.Group):
 def app(context: click.Context) -> None:
     """Calibrate the kinematics of serial arms: URDF and measurements in, calibrated URDF out.
 
-    Exit codes: 0 done; 1 ran, but the answer must not be used; 2 bad usage or bad input.
+    Exit codes: 0 done; 1 done, but the result must not be used; 2 wrong usage or input.
     """
     if context.invoked_subcommand is None:
         click.echo(context.get_help())
@@ -162,7 +162,7 @@ def run(arguments: Sequence[str] | None = None) -> int:
         except OSError as error:
             return _failed(_of_system(error))
         except MemoryError as error:
-            too_large = _one_line(error) or "nobody said for what"
+            too_large = _one_line(error) or "no details given"
             return _failed(
                 f"found too little memory for these data ({too_large}); expected as much as they "
                 "need; give fewer rows, or use a larger computer"
@@ -222,7 +222,10 @@ def _of_system(error: OSError) -> str:
     try:
         Path.cwd()
     except OSError:
-        return "found a working folder that is gone; expected one that exists; change into one"
+        return (
+            "found that the working folder no longer exists; expected an existing one; change "
+            "to another folder"
+        )
     name = f"{error.filename}: " if error.filename else ""
     return f"{name}{error.strerror or error}"
 

@@ -59,7 +59,7 @@ class NewFile(click.Path):
         file = Path(str(super().convert(value, param, ctx)))
         if not file.parent.is_dir() or file.is_dir():
             what = "a folder" if file.is_dir() else f"no folder {file.parent}"
-            expected = "a file's name in a folder that exists"
+            expected = "a file name in an existing folder"
             raise OutputError(f"{file}: found {what}; expected {expected}")
         check_folder(file.parent)
         return file
@@ -155,22 +155,24 @@ def _jobs_of(folder: Path) -> Iterator[str]:
 # Eager: the folder of results follows from it, wherever it stands on the command line.
 job_argument = click.argument("job", type=PATH, metavar="JOB", is_eager=True)
 out_option = option(
-    "--out", "Folder to write into; results/ beside the job.", PATH, callback=_results
+    "--out", "Folder for the results; default: results/ next to the job.", PATH, callback=_results
 )
-json_option = flag("--json", "Print one JSON object and nothing else.", name="as_json")
-anyway_option = flag("--anyway", "Take a calibration that says of itself that it must not be used.")
+json_option = flag("--json", "Print one JSON object instead of text.", name="as_json")
+anyway_option = flag("--anyway", "Use a calibration even if its verdict is bad.")
 verbose_option = click.option("-v", "--verbose", is_flag=True, help="Show all tables.")
 region_option = option(
     "--region X0,X1,Y0,Y1,Z0,Z1",
-    "Where the tip works, mm; by default around what was touched.",
+    "Region in which the tip works, in mm; default: around the touched points.",
     callback=_place,
 )
-place_option = option("--register-at X,Y,Z", "Where one registers, mm.", callback=_place)
+place_option = option(
+    "--register-at X,Y,Z", "Point in mm around which the registration is done.", callback=_place
+)
 # Without it an instrument is taken for a good one.
 scale_option = option(
     "--scale-ppm PPM",
-    f"Standard deviation of the scale factor of all measured lengths; {INSTRUMENT_PPM:g} "
-    "without this option. No residual shows this factor, so every ± includes it.",
+    "Standard deviation of the scale factor of all measured lengths; default "
+    f"{INSTRUMENT_PPM:g}. The residuals do not show this factor, so every ± includes it.",
     FiniteRange(min=0, max=1e5),
     INSTRUMENT_PPM,
 )
@@ -231,11 +233,11 @@ def seed_option(of: str) -> Callable[[Command], Command]:
 
 def pose_options(command: Command) -> Command:
     """``--out``, ``--no-robust`` and ``--seed``."""
-    least_squares = "Least squares over all rows: look for no outliers."
+    least_squares = "Use plain least squares with all rows, without searching for outliers."
     for decorate in (
-        seed_option("Of the random samples that outliers are sought with."),
+        seed_option("Seed of the random samples in the search for outliers."),
         flag("--no-robust", least_squares, name="plain"),
-        option("--out", "Folder to write files into.", Folder()),
+        option("--out", "Folder for the results.", Folder()),
     ):
         command = decorate(command)
     return command
@@ -247,7 +249,9 @@ def optional_arm(
     """The arm of ``--urdf``, ``--tip`` and ``--base``, whose tip did ``what``; None without."""
     if urdf is None:
         if tip or base:
-            raise click.UsageError("--tip and --base name frames of an arm: give it with --urdf")
+            raise click.UsageError(
+                "--tip and --base are frames of an arm: give the arm with --urdf"
+            )
         return None
     if tip is None:
         raise click.UsageError(f"--urdf needs --tip: the link or frame that {what}")

@@ -81,7 +81,7 @@ def discard_stdout() -> None:
 
 def say_interrupted() -> None:
     """What whoever interrupted a command is told."""
-    print(f"{PROGRAM}: interrupted; nothing half-written was left", file=sys.stderr, flush=True)
+    print(f"{PROGRAM}: interrupted; no incomplete files were left", file=sys.stderr, flush=True)
 
 
 def end_undisturbed() -> None:

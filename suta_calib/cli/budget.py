@@ -17,11 +17,11 @@ from suta_calib.report.error_budget import budget_document
 @anyway_option
 @out_option
 def budget(job: Path, anyway: bool) -> Document:
-    """Split the errors of JOB (a calibration.yaml) by where they come from.
+    """Split the errors of JOB (a calibration.yaml) by their causes.
 
-    Encoder noise (as the job's section encoders states it), seating (what repeats of a touch
-    scatter), the artefact (its sigma_mm), gross errors, and the model: what none of these explains.
-    What the data cannot tell apart stands together, without numbers of its own.
+    The causes are encoder noise (as the job's section encoders states it), seating (the scatter of
+    repeated touches), the artefact (its sigma_mm), gross errors, and the model (everything else).
+    Causes that the data cannot separate are shown together.
     """
     loaded = CalibrationJob.load(job)
     with LateProgress("solving") as progress:

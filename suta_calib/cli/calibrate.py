@@ -15,13 +15,13 @@ from suta_calib.report.document import Document
 @answer_command
 @job_argument
 @out_option
-@flag("--no-report", "Write no report.html.")
+@flag("--no-report", "Do not write report.html.")
 def calibrate(job: Path, no_report: bool) -> Document:
     """Calibrate the arm of JOB (a calibration.yaml) from its measurements.
 
-    Writes calibrated.urdf, result.json, residuals.csv and report.html. Exits with 1 where the
-    answer must not be used: not converged, residuals that swamp the data, or worse than nominal on
-    validation data. Then no calibrated.urdf is written.
+    Writes calibrated.urdf, result.json, residuals.csv and report.html. If the result must not be
+    used, the exit code is 1 and no calibrated.urdf is written: the fit did not converge, the
+    residuals are far too large, or the arm is worse than nominal on the validation data.
     """
     loaded = CalibrationJob.load(job)
     with LateProgress("solving") as progress:

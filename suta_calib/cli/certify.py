@@ -24,38 +24,43 @@ LENGTH: Final = FiniteRange(min=0, min_open=True, max=1e6)
 
 @answer_command
 @click.argument("points", type=PATH, metavar="POINTS.csv")
-@option("--out FILE.yaml", "The artefact's file.", WRITTEN, name="file")
-@option("--nominal DRAWING.yaml", "Compare with this artefact's file.", PATH)
+@option("--out FILE.yaml", "File for the certified artefact.", WRITTEN, name="file")
+@option(
+    "--nominal DRAWING.yaml", "Drawing of the artefact to compare with, as an artefact.yaml.", PATH
+)
 @option(
     "--report DIR", "Write certify.json, certify.svg and report.html there.", Folder(), name="out"
 )
 @option(
     "--sigma-um",
-    "Standard deviation of one touched coordinate; from the touches' own scatter without.",
+    "Standard deviation of one touched coordinate; default: estimated from the scatter of the "
+    "touches.",
     LENGTH,
 )
 @option(
     "--tolerance-mm",
-    "Largest acceptable departure; without, a damaged pillar is one unlike the others.",
+    "Largest acceptable deviation; default: a pillar is damaged if it deviates from all others.",
     LENGTH,
 )
 @option(
     "--probe-radius-mm",
-    "The points are centres of a ball: flats and spacers measure two radii less.",
+    "Radius of the ball, if the points are its centres: flats and spacers then measure two radii "
+    "less.",
     FiniteRange(min=0, max=1e3),
     0.0,
 )
-@option("--origin NAME", "Landmark with x = y = 0; O, or first.", default="")
+@option("--origin NAME", "Landmark with x = y = 0; default: O, or the first one.", default="")
 @option(
     "--front-deg",
-    "Where the front flat is in the seated tip's frame, from its x axis about z up.",
+    "Direction of the front flat in the frame of the seated tip: angle from the x axis about z "
+    "(up).",
     FiniteRange(-360, 360),
     0.0,
 )
-@option("--name", "Of the artefact; the file's name by default.", default="")
+@option("--name", "Name of the artefact; default: the name of the file.", default="")
 @option(
     "--spacer NAME=MM",
-    "A spacer's nominal length; may be given again.",
+    "Nominal length of a spacer; may be repeated.",
     name="spacers",
     multiple=True,
 )
@@ -75,7 +80,7 @@ def certify(
 
     POINTS.csv has the columns feature,landmark,index,x,y,z (m; x_mm,y_mm,z_mm: mm). Features:
     ground; top (five per landmark); hole (four, in order around the pillar); flat (0 front, 1
-    back); side; spacer (ends in pairs). Exits with 1 where a landmark is damaged.
+    back); side; spacer (ends in pairs). The exit code is 1 if a landmark is damaged.
     """
     if file is not None:
         check_outputs([file], [points, nominal])

@@ -19,19 +19,19 @@ from suta_calib.vision import find_pictures
 
 @answer_command
 @click.argument("images", type=PATH, metavar="IMAGES…", nargs=-1, required=True)
-@option("--board BOARD.yaml", "What is to be seen.", PATH, required=True)
-@option("--out CORNERS.csv", "The corners' file.", WRITTEN, name="file")
+@option("--board BOARD.yaml", "File of the board in the pictures.", PATH, required=True)
+@option("--out CORNERS.csv", "File for the corners that are found.", WRITTEN, name="file")
 @option(
     "--camera CAMERA.yaml",
-    "The camera, if it is calibrated; from these pictures without.",
+    "File of the camera, if it is calibrated; default: it is calibrated from these pictures.",
     PATH,
     name="known",
 )
-@option("--camera-out CAMERA.yaml", "The calibrated camera.", WRITTEN)
+@option("--camera-out CAMERA.yaml", "File for the calibrated camera.", WRITTEN)
 @option(
     "--report DIR", "Write detect.json, detect.svg and report.html there.", Folder(), name="out"
 )
-@flag("--pictures", "And each picture, with what was found in it.")
+@flag("--pictures", "Also write each picture, with the corners found in it.")
 def detect(
     images: tuple[Path, ...],
     board: Path,
@@ -40,23 +40,25 @@ def detect(
     camera_out: Path | None,
     pictures: bool,
 ) -> Document:
-    """Find a board's corners in pictures, and calibrate the camera that took them.
+    """Find the corners of a board in pictures, and calibrate the camera that took them.
 
-    IMAGES are files, or folders of them. A picture that cannot be used is named and left out. The
-    files of corners and camera are those that `hand-eye --corners` and jobs of camera_view read.
-    Exits with 1 where the camera's file does not fit, or the pictures determine no camera.
+    IMAGES are picture files or folders of them. Pictures that cannot be used are listed and left
+    out. `hand-eye --corners` and jobs of camera_view read the files of corners and camera. The exit
+    code is 1 if the camera's file does not fit the pictures, or the pictures do not determine the
+    camera.
     """
     if known is not None and camera_out is not None:
         raise click.UsageError(
-            "--camera says which camera it is, and --camera-out asks for it: give one of them"
+            "give either --camera (the camera is known) or --camera-out (it is calibrated), not "
+            "both"
         )
     if pictures and click.get_current_context().params["out"] is None:
-        raise click.UsageError("--pictures needs a folder to write them into: give --report")
+        raise click.UsageError("--pictures needs a folder for the pictures: give --report")
     outputs = [each for each in (file, camera_out) if each is not None]
     for path in outputs:
         if not path.parent.is_dir() or path.is_dir():
             what = "a folder" if path.is_dir() else f"no folder {path.parent}"
-            raise OutputError(f"{path}: found {what}; expected a file in a folder that exists")
+            raise OutputError(f"{path}: found {what}; expected a file in an existing folder")
     found_files = find_pictures(images)
     check_outputs(outputs, [board, known, *(each.path for each in found_files)])
     sought = read_board(board)
@@ -68,7 +70,9 @@ def detect(
             raise BoardError.of(problem, board, problem.line) from None
     if camera_out is not None and detection.fit is None:
         reason = next(iter(detection.assessment.notes), "")
-        raise InputError("pictures that determine no camera", "some that do", hint=reason)
+        raise InputError(
+            "pictures that do not determine the camera", "pictures that determine it", hint=reason
+        )
     answer = detect_document(detection, pictures=pictures)
     written: dict[str, str] = {}
     if file is not None and detection.assessment.usable:

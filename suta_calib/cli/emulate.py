@@ -34,99 +34,101 @@ _SEED: Final = click.IntRange(min=0)
 _COUNT: Final = click.IntRange(1, 86_400)
 # Who speaks only when asked cannot be stood for by a stream.
 _SENT: Final = [name for name, form in FORMATS.items() if not form.asked]
-_EPILOG: Final = "\b\nFaults, separated by commas; times are s after the port was first opened:\n"
+_EPILOG: Final = "\nFaults, separated by commas; times are in s after the port was first opened:\n"
 _FAULTS_HELP: Final = _EPILOG + "\n".join(f"  {k:<20} {v}" for k, v in WORDS.items())
 
 
 @click.command(epilog=_FAULTS_HELP)
 @urdf_argument("ARM.urdf")
-@option("--tip FRAME", "Tip of the arm; the script's by default.")
-@option("--base LINK", "First link; the root by default.")
+@option("--tip FRAME", "Tip of the arm; default: the script's.")
+@option("--base LINK", "First link of the chain; default: the root link.")
 @option("--rate", "Frames per second.", FiniteRange(1e-3, 1e5), 768.0)
 # What it does.
 @option(
     "--script JOB.yaml",
-    "Rest on the landmarks (or points) of a calibration.yaml or simulation.yaml, "
-    "one after the other. After each placement the arm waits until the port is closed "
-    "and opened again.",
+    "Rest on the landmarks (or points) of a calibration.yaml or simulation.yaml in turn. After "
+    "each placement the arm waits until the port is closed and opened again.",
     PATH,
 )
 @option(
     "--motion",
-    "Without a script: rest (default), pivot on a point, or swing every joint.",
+    "Motion without a script: rest (default), pivot about a point, or swing every joint.",
     click.Choice(["still", "pivot", "trajectory"]),
 )
-@option("--set", "Which set of a simulation; the first.", name="set_name")
+@option("--set", "Name of the simulation's set; default: the first.", name="set_name")
 @option(
     "--placement P1=x,y,z,roll,pitch,yaw",
-    "Where the artefact stands, mm and degrees. A label alone: as in the simulation, "
-    "or for a job somewhere within reach.",
+    "Pose of a placement of the artefact, in mm and degrees. Only the label: the pose of the "
+    "simulation, or for a job any pose within reach.",
     name="placements",
     multiple=True,
 )
 @option(
     "--point F1=x,y,z",
-    "A fixed point, mm: to be touched (script) or pivoted on.",
+    "A fixed point in mm, to be touched (with a script) or pivoted about.",
     name="points",
     multiple=True,
 )
-@option("--sequence", "Landmarks in order; as in the artefact.", default="")
-@option("--repeats", "How often each placement is gone through.", _COUNT)
-@option("--directions", "Rests on each fixed point; 20.", _COUNT)
-@option("--rest", "Duration of a rest, s.", POSITIVE, 4.0)
-@option("--move", "Of a motion between two, s.", POSITIVE, 1.5)
-@option("--seating-mm", "Seating noise per axis; 0.05.", _NOT_NEGATIVE)
+@option("--sequence", "Landmarks in order; default: as in the artefact.", default="")
+@option("--repeats", "How often each placement is measured.", _COUNT)
+@option("--directions", "Number of rests on each fixed point; default 20.", _COUNT)
+@option("--rest", "Duration of a rest, in s.", POSITIVE, 4.0)
+@option("--move", "Duration of the motion between two rests, in s.", POSITIVE, 1.5)
+@option("--seating-mm", "Seating noise per axis; default 0.05.", _NOT_NEGATIVE)
 @option(
     "--posture JOINT=DEG,…",
-    "Where it rests or starts, or the search does; the middle of the ranges.",
+    "Posture in which the arm rests or starts, or the search for postures starts; default: the "
+    "middle of the ranges.",
     default="",
 )
-@option("--cone", "Largest tilt, degrees.", POSITIVE, 30.0)
-@option("--period", "Of a pivoting, s.", POSITIVE, 40.0)
-@option("--amplitude", "Of swings, degrees.", POSITIVE, 20.0)
+@option("--cone", "Largest tilt, in degrees.", POSITIVE, 30.0)
+@option("--period", "Duration of one pivoting motion, in s.", POSITIVE, 40.0)
+@option("--amplitude", "Amplitude of the swings, in degrees.", POSITIVE, 20.0)
 @option(
     "--frequency FROM TO",
-    "Of swings at the start and at the end, Hz.",
+    "Frequency of the swings at the start and at the end, in Hz.",
     (POSITIVE, POSITIVE),
     (0.05, 0.5),
 )
-@option("--duration", "Of the swings, s.", POSITIVE, 60.0)
-@option("--csv", "A trajectory: time (s) and every joint (rad).", PATH)
+@option("--duration", "Duration of the swings, in s.", POSITIVE, 60.0)
+@option("--csv", "A trajectory: columns time (s) and every joint (rad).", PATH)
 # What is true, and what is read.
-@option("--truth", "True parameters: a truth.yaml, or a simulation.yaml for its errors.", PATH)
+@option("--truth", "True parameters: a truth.yaml, or the errors of a simulation.yaml.", PATH)
 @option(
     "--errors-seed",
-    "Draw the true parameters: a job's unknowns, or offsets and lengths "
-    "(0.75 deg, 1 mm, tilts 0.1 deg).",
+    "Seed of random true parameters: the unknowns of a job, or offsets and lengths (0.75 deg, 1 "
+    "mm, tilts 0.1 deg).",
     _SEED,
 )
-@option("--seed", "Of noise, seating and faults.", _SEED, 0)
-@option("--encoder-deg", "Noise of a reading.", _NOT_NEGATIVE, 0.001)
+@option("--seed", "Seed of noise, seating and faults.", _SEED, 0)
+@option("--encoder-deg", "Standard deviation of a reading.", _NOT_NEGATIVE, 0.001)
 # What is sent.
 @option("--format", "", click.Choice(_SENT), "frames", name="form")
 @option("--unit", "", click.Choice(UNITS), "counts")
 @option("--counts-per-turn", "", click.IntRange(2, 1 << 32), 1 << 22)
-@option("--signs 1,-1,…", "Of the encoders; all 1.", default="")
-@option("--baudrate", "For device.yaml only.", click.IntRange(1, 1 << 31), 921600)
-@option("--faults LIST", "What goes wrong; see below.", multiple=True)
-@option("--link PATH", "Symbolic link to keep to the port.", PATH)
-@option("--seconds", "Stop after so long, waiting included.", POSITIVE)
+@option("--signs 1,-1,…", "Signs of the encoders; default: all 1.", default="")
+@option(
+    "--baudrate", "Baud rate that is written to device.yaml.", click.IntRange(1, 1 << 31), 921600
+)
+@option("--faults LIST", "Faults of the connection; see below.", multiple=True)
+@option("--link PATH", "Symbolic link that always points to the port.", PATH)
+@option("--seconds", "Stop after this time in s, including waiting.", POSITIVE)
 @option(
     "--start",
-    "Begin when the port is first opened, or at once.",
+    "Start when the port is first opened, or immediately.",
     click.Choice(["open", "now"]),
     "open",
 )
 @flag("--continuous", "Do not wait between placements.")
-@option("--device-out", "Write the device.yaml to read it with.", WRITTEN)
-@option("--truth-out", "Write the truth (YAML), to judge a result by.", WRITTEN)
+@option("--device-out", "Write the device.yaml for reading this port.", WRITTEN)
+@option("--truth-out", "Write the true parameters (YAML), to compare results with.", WRITTEN)
 @option("--trajectory-out", "Write the true tip poses (CSV) at the end.", WRITTEN)
 def emulate(**options: Any) -> None:
-    """Emulate ARM.urdf: encoder frames on a pseudo-terminal, in real time.
+    """Emulate ARM.urdf: send encoder frames to a pseudo-terminal, in real time.
 
-    The first line printed is the name of the port; what happens is told on stderr. Ends after
-    --seconds, or on Ctrl-C. A bus of servos is not emulated: they speak only when they are asked,
-    each by its number, and whoever listens would have to be answered in their maker's protocol.
+    The first line printed is the name of the port; messages go to stderr. It ends after --seconds
+    or with Ctrl-C. Servos on a bus are not emulated, because they must be polled one by one in
+    their manufacturer's protocol.
     """
     playing = PlayOptions(
         link=options.pop("link"),

@@ -20,12 +20,12 @@ from suta_calib.report.exchange import exported_document, formats_document
 
 @answer_command
 @click.argument("result", type=PATH, metavar="RESULT", required=False)
-@option("--format NAME", "To write; --list names them.", name="form")
-@option("--out FILE", "Beside the result without.", WRITTEN, name="file")
-@flag("--list", "Name the formats and what they are.", name="listed")
-@urdf_option("The nominal arm, where the result's job is gone.")
+@option("--format NAME", "Format to write; --list shows all formats.", name="form")
+@option("--out FILE", "File to write; default: next to the result.", WRITTEN, name="file")
+@flag("--list", "List the formats.", name="listed")
+@urdf_option("The nominal arm, if the job of the result no longer exists.")
 @option("--tip", "With --urdf: link or frame of the tip.")
-@option("--base", "With --urdf: link the chain starts at; default: the root.")
+@option("--base", "With --urdf: first link of the chain; default: the root.")
 @anyway_option
 @format_options(export_formats().values())
 def export(
@@ -39,14 +39,14 @@ def export(
     anyway: bool,
     **options: Any,
 ) -> Document:
-    """Write RESULT (a folder of results, or its result.json) as another program reads it.
+    """Write RESULT (a folder of results, or its result.json) in the format of another program.
 
-    The options behind --anyway are those of the formats. What a format cannot hold (covariance,
-    eccentricity, compliance, gain) is said, and written beside the file. An answer that must not be
-    used is refused.
+    The options after --anyway belong to the formats. Values that a format cannot contain
+    (covariance, eccentricity, compliance, gain) are reported and written to a second file. A result
+    that must not be used is refused.
     """
     if listed:
-        return formats_document(export_formats(), "What can be written")
+        return formats_document(export_formats(), "Formats that can be written")
     if result is None or form is None:
         missing = "RESULT" if result is None else "--format"
         raise click.UsageError(f"found no {missing}; expected RESULT --format NAME, or --list")

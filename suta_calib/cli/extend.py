@@ -14,15 +14,15 @@ from suta_calib.report.model_selection import model_selection_document
 
 @answer_command
 @job_argument
-@flag("--quick", "Leave out the models with every joint at once.")
-@seed_option("Of folds that are not placements.")
+@flag("--quick", "Leave out the models that have the same error in every joint.")
+@seed_option("Seed of the folds, where these are not placements.")
 @out_option
 def extend(job: Path, quick: bool, seed: int) -> Document:
-    """Look for errors that are no geometry: eccentric encoders, joints that yield to gravity.
+    """Find errors beside the geometry, such as eccentric encoders and compliant joints.
 
-    Models with and without them are fitted to the observations of JOB (a calibration.yaml) with one
-    placement left out after the other. What predicts the left-out data better is worth having; that
-    it fits better is not enough. Says which rows to add to the job, or that nothing is worth it.
+    Models with and without these errors are fitted to the observations of JOB (a calibration.yaml),
+    each time without one of the placements. An error is added only if it improves the prediction of
+    the left-out data; a better fit is not enough. The command shows the rows to add to the job.
     """
     loaded = CalibrationJob.load(job)
     with LateProgress("trying models") as progress:

@@ -30,22 +30,28 @@ if TYPE_CHECKING:
 @click.argument("poses", type=PATH, metavar="POSES.csv")
 @option(
     "--setup",
-    "The camera is on the hand, or stands beside the robot.",
+    "Whether the camera is on the hand, or fixed beside the robot.",
     click.Choice(["eye-in-hand", "eye-to-hand"]),
     "eye-in-hand",
 )
-@option("--model", "Ask for X, or for X and Z.", click.Choice(["AX=XB", "AX=ZB"]), "AX=XB")
+@option(
+    "--model", "Whether only X is estimated, or X and Z.", click.Choice(["AX=XB", "AX=ZB"]), "AX=XB"
+)
 @option(
     "--corners",
-    "Corners of a board in pictures, as detect finds them; again for every other camera.",
+    "Corners of a board in pictures, as detect writes them; repeat it for every further camera.",
     PATH,
     multiple=True,
 )
-@option("--board", "board.yaml; one for all, or one for each --corners.", PATH, multiple=True)
-@option("--camera", "camera.yaml, in the order of --corners, or none.", PATH, multiple=True)
+@option(
+    "--board", "File of the board; one for all, or one for each --corners.", PATH, multiple=True
+)
+@option(
+    "--camera", "File of the camera, in the order of --corners; default: none.", PATH, multiple=True
+)
 @option(
     "--intrinsics",
-    "Believe the camera's file, or correct it by the pictures (default).",
+    "Whether the camera's file is used as it is, or corrected by the pictures.",
     click.Choice(["fixed", "free"]),
     "free",
 )
@@ -63,18 +69,18 @@ def hand_eye(
     plain: bool,
     seed: int,
 ) -> Document:
-    """Find where the eye is from poses of the hand and of what the eye sees.
+    """Find the pose of a camera or tracker (the eye) from poses of the hand and of a target.
 
     POSES.csv has the columns a_x,a_y,a_z,a_qx,a_qy,a_qz,a_qw: T_base_hand, and the same with b_:
     T_eye_target; m (a_x_mm, …: mm). X is T_hand_eye, and Z T_base_target; for eye-to-hand X is
-    T_base_eye, and Z T_hand_target. With --out writes result.json, residuals.csv, hand_eye.svg and
-    report.html. Exits with 1 where X must not be used.
+    T_base_eye, and Z T_hand_target. With --out it writes result.json, residuals.csv, hand_eye.svg
+    and report.html. The exit code is 1 if X must not be used.
 
-    With --corners and --board the eye's pictures take the place of the b_ columns: POSES.csv then
-    names the picture taken at each pose (image), and reprojection errors are minimised, which is
-    nearer and also corrects the camera; --out writes camera.yaml too. Without --camera its
-    intrinsics are found from the pictures alone. --scale-ppm is of the b_ columns: of a printed
-    target that nobody measured, 5000.
+    With --corners and --board the pictures replace the b_ columns: POSES.csv then contains the name
+    of the picture taken at each pose (image). The reprojection errors are minimised, which is more
+    accurate and also corrects the camera; --out then writes camera.yaml too. Without --camera the
+    intrinsics are found from the pictures alone. --scale-ppm applies to the b_ columns: use 5000
+    for a printed target that was not measured.
     """
     _check(corners, board, camera, intrinsics)
     if corners:
@@ -113,18 +119,20 @@ def _check(
     """Which options go together."""
     if not corners:
         if board or camera or intrinsics == "fixed":
-            raise click.UsageError("--board, --camera and --intrinsics belong to --corners")
+            raise click.UsageError("--board, --camera and --intrinsics need --corners")
         return
     if not board:
-        raise click.UsageError("--corners needs --board: the board.yaml of what was seen")
+        raise click.UsageError("--corners needs --board, the file of the board in the pictures")
     if len(board) not in (1, len(corners)):
-        raise click.UsageError(f"{len(board)} --board for {len(corners)} --corners: one, or each")
+        raise click.UsageError(
+            f"{len(board)} --board for {len(corners)} --corners: give one for all, or one for each"
+        )
     if len(camera) not in (0, len(corners)):
         raise click.UsageError(
-            f"{len(camera)} --camera for {len(corners)} --corners: none, or each"
+            f"{len(camera)} --camera for {len(corners)} --corners: give none, or one for each"
         )
     if intrinsics == "fixed" and not camera:
-        raise click.UsageError("--intrinsics fixed needs --camera: the file to believe")
+        raise click.UsageError("--intrinsics fixed needs --camera, the file that is used")
 
 
 def _views(

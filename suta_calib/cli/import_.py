@@ -18,10 +18,10 @@ from suta_calib.report.exchange import formats_document, imported_document
 
 @answer_command
 @click.argument("source", type=PATH, metavar="SOURCE", required=False)
-@option("--format NAME", "Of SOURCE; recognised without.", name="form")
-@option("--out FILE.csv", "What to write.", WRITTEN, name="file")
-@flag("--list", "Name the formats and what they read.", name="listed")
-@option("--mapping FILE.yaml", "Options of the format, in a file.", PATH)
+@option("--format NAME", "Format of SOURCE; default: recognised from the file.", name="form")
+@option("--out FILE.csv", "File to write.", WRITTEN, name="file")
+@flag("--list", "List the formats, with an example of each.", name="listed")
+@option("--mapping FILE.yaml", "File with options of the format.", PATH)
 @format_options(import_formats().values())
 def import_(
     source: Path | None,
@@ -31,15 +31,15 @@ def import_(
     mapping: Path | None,
     **options: Any,
 ) -> Document:
-    """Turn SOURCE, a file of another program, into a samples or poses CSV.
+    """Convert SOURCE, a file of another program, into a samples or poses CSV.
 
-    The options behind --mapping are those of the formats; --list names the formats, with an
-    example of each. Lengths come out in m and angles in rad. A file that may be understood in
-    several ways is refused, with the options that settle it; --guess takes the likeliest and says
-    so. Without --out nothing is written: what would be is shown.
+    The options after --mapping belong to the formats; --list shows the formats with an example of
+    each. Lengths are converted to m and angles to rad. If a file can be interpreted in several
+    ways, it is refused, and the message names the options to give; --guess chooses the likeliest
+    and shows it. Without --out nothing is written, and only a summary is shown.
     """
     if listed:
-        return formats_document(import_formats(), "What can be read")
+        return formats_document(import_formats(), "Formats that can be read")
     if source is None:
         raise click.UsageError("found no SOURCE; expected a file, or --list for the formats")
     if file is not None:

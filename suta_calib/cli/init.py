@@ -21,20 +21,21 @@ from suta_calib.model.urdf_tree import read_tree
 
 @click.command()
 @urdf_argument("URDF")
-@option("--tip", "Link or frame whose pose matters; without it the ends are listed.")
-@option("--base", "Link the chain starts from; the root link by default.")
-@option("--out", "Folder of the job; here.", PATH, ".", show_default=False)
+@option("--tip", "Link or frame of the tip; without it, the possible ones are listed.")
+@option("--base", "First link of the chain; default: the root link.")
+@option("--out", "Folder of the job; default: the current folder.", PATH, ".", show_default=False)
 @option(
     "--kind",
-    "Kind of observation; may be repeated. For a printed or hobby arm the crosses of a sheet by "
-    "default; else distances on an artefact, and a point that is touched from many directions.",
+    "Kind of observation; may be repeated. Default for a printed or hobby arm: the crosses of a "
+    "printed sheet; else distances on an artefact, and a point that is touched from many "
+    "directions.",
     name="kinds",
     multiple=True,
 )
 @option(
     "--grade",
-    "How the arm was made, which says how far its dimensions may be from the drawing; guessed "
-    "from the URDF by default.",
+    "How the arm was made, which determines the tolerances of its dimensions; default: guessed "
+    "from the URDF.",
     click.Choice([*ARM_GRADES]),
 )
 def init(
@@ -68,8 +69,8 @@ def init(
         guess, reason = guessed_grade(arm)
         others = "|".join(name for name in ARM_GRADES if name != guess.name)
         click.echo(
-            f"The arm's grade is taken to be {guess.name} ({guess.about}): {reason}. "
-            f"If that is wrong, say --grade {others}.",
+            f"The grade of the arm was guessed as {guess.name} ({guess.about}): {reason}. "
+            f"If that is wrong, give --grade {others}.",
             err=True,
         )
     for file in files:

@@ -17,16 +17,16 @@ from suta_calib.report.iso10360 import acceptance_document
 
 @answer_command
 @click.argument("job", type=PATH, metavar="JOB.yaml")
-@urdf_option("In place of the job's own, such as calibrated.urdf.")
+@urdf_option("URDF to test instead of the job's, such as calibrated.urdf.")
 @option("--out", "Folder for iso10360.json, its picture and report.html.", Folder())
 def iso10360(job: Path, urdf: UrdfFile | None) -> Document:
-    """Errors of a measuring arm against maximum permissible errors, after ISO 10360-12.
+    """Compare the errors of a measuring arm with its limits, by ISO 10360-12.
 
-    JOB.yaml says which arm, what was measured (lengths of a calibrated artefact, one point from
-    several articulations, a sphere, repeated visits), the limits (mpe) and what the test itself is
-    unsure of. A calibration.yaml will do too: its held-out distances and fixed points are taken,
-    and there is no pass or fail. Exits with 1 where a limit is broken, or where the uncertainty
-    leaves it open.
+    JOB.yaml contains the arm, the measurements (lengths of a calibrated artefact, one point from
+    several articulations, a sphere, repeated visits), the limits (mpe) and the uncertainty of the
+    test. A calibration.yaml can be used too: then its validation distances and fixed points are
+    taken, without pass or fail. The exit code is 1 if a limit is exceeded, or if the uncertainty
+    does not allow a decision.
     """
     loaded = AcceptanceJob.load(job, urdf)
     answer = acceptance_document(acceptance_test(loaded))

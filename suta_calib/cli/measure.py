@@ -41,7 +41,7 @@ class PlaceCommand(click.Command):
         if given - declared:
             places = dict.fromkeys(kind.place for kind in KINDS.values() if kind.place)
             self.params += [
-                click.Option([f"--{place}"], help=f"Label of a {place}, in place of --point.")
+                click.Option([f"--{place}"], help=f"Label of a {place}, instead of --point.")
                 for place in places
                 if f"--{place}" not in declared
             ]
@@ -50,39 +50,37 @@ class PlaceCommand(click.Command):
 
 @click.command(cls=PlaceCommand)
 @job_argument
-@option("--device", "The device.yaml.", PATH, required=True)
-@option("--placement", "Label of where the artefact stands, such as P1.")
-@option("--point", "Label of a fixed point, such as F1, in place of --placement.")
-@flag("--free", "Readings only, with no label: wherever the arm rests.")
-@option("--repeat", "Which time this is measured.", default="1")
-@option(
-    "--seconds", "How long the arm's rest on each landmark is recorded.", FiniteRange(min=0.1), 2.0
-)
-@option("--rests", "How many rests, with --point or --free.", click.IntRange(1, 10_000), 20)
+@option("--device", "The device.yaml of the arm.", PATH, required=True)
+@option("--placement", "Label of the artefact's placement, such as P1.")
+@option("--point", "Label of a fixed point, such as F1, instead of --placement.")
+@flag("--free", "Record only readings, without labels, wherever the arm rests.")
+@option("--repeat", "Number of this repeat of the measurement.", default="1")
+@option("--seconds", "How long each rest of the arm is recorded, in s.", FiniteRange(min=0.1), 2.0)
+@option("--rests", "Number of rests, with --point or --free.", click.IntRange(1, 10_000), 20)
 @option(
     "--continuous S",
-    "With --point or --free: sample for S seconds while the arm moves, in place of rests.",
+    "With --point or --free: record for S seconds while the arm moves, instead of rests.",
     FiniteRange(min=0.1),
 )
 @option("--every", "Seconds between two samples of --continuous.", FiniteRange(min=0.01), 0.1)
-@option("--out", "The CSV; among the job's by default.", PATH)
-@option("--sequence", "Landmarks in order, such as O,M1,M2; the artefact's by default.")
-@option("--observation N|KIND", "Which of the job's: 0, landmark, validation.")
-@flag("--resume", "Go on after the last confirmed landmark.")
-@flag("--yes", "Ask nothing: each rest after a motion is the next one.")
+@option("--out", "The samples file; default: the one of the job.", PATH)
+@option("--sequence", "Landmarks in order, such as O,M1,M2; default: as in the artefact.")
+@option(
+    "--observation N|KIND", "Which observation of the job: its number, its kind, or validation."
+)
+@flag("--resume", "Continue after the last confirmed landmark.")
+@flag("--yes", "Ask no questions: each rest after a motion is the next landmark.")
 @option(
     "--patience S",
-    "Give up when nothing happens for S seconds; 60 with --yes, else never.",
+    "Stop if nothing happens for S seconds; default: 60 with --yes, else never.",
     FiniteRange(min=1),
 )
-@option("--raw", "The whole stream, as Parquet.", PATH)
-@urdf_option("For the distances shown; the job's by default.")
-@option(
-    "--drift-deg", "How far an arm at rest may drift within a quarter of a second.", POSITIVE, 0.02
-)
+@option("--raw", "File for all readings, as Parquet.", PATH)
+@urdf_option("URDF for the distances that are shown; default: the job's.")
+@option("--drift-deg", "Largest drift of an arm at rest, in a quarter of a second.", POSITIVE, 0.02)
 @option(
     "--tremble-deg",
-    "Standard deviation of the tremor that a hand may pass on to an arm at rest.",
+    "Largest standard deviation of the trembling of an arm at rest.",
     POSITIVE,
     0.1,
 )
@@ -91,13 +89,12 @@ class PlaceCommand(click.Command):
 def measure(context: click.Context, /, **options: Any) -> None:
     """Measure one placement of the artefact of JOB (a calibration.yaml), or one fixed point.
 
-    Waits until the arm rests on each landmark, records it, shows its scatter and how far its
-    distances are from the artefact's, and writes it to the samples file at once: whatever happens
-    then, what was confirmed is there, and --resume goes on. Readings are averaged on the circle; a
-    window in which the arm moved or an encoder raised its error flag is recorded again. Nothing
-    that was measured is ever overwritten, two do not write one file, and rows that somebody else
-    adds to it meanwhile stay. Exits with 1 where --patience ended it. Until it ends,
-    the file of --raw is called FILE.part.
+    The command waits until the arm rests on each landmark, records it, shows its scatter and its
+    distance errors, and writes it to the samples file at once. If the run is interrupted, the
+    confirmed samples are kept, and --resume continues. Readings are averaged on the circle. If the
+    arm moved or an encoder set its error flag, the rest is recorded again. Existing samples are
+    never overwritten, and rows that another program adds meanwhile are kept. The exit code is 1 if
+    --patience ended the run. Until the end, the file of --raw is called FILE.part.
     """
     # The arm may rest on the first landmark already, and loading the rest takes a second.
     port = open_ahead(options["device"])

@@ -30,17 +30,18 @@ _JSON_SECONDS: Final = 3.0
 
 @click.command()
 @option("--device", "The device.yaml.", PATH, required=True)
-@urdf_option("Show this arm's tip pose too.")
+@urdf_option("Also show the tip pose of this arm.")
 @option("--tip", "With --urdf: any link or frame of the arm.")
-@option("--base", "With --urdf: the link poses are given in; the root by default.")
+@option("--base", "With --urdf: link in which the poses are given; default: the root.")
 @option(
     "--seconds",
-    f"Stop after this long; with --json after {_JSON_SECONDS:g} by default.",
+    f"Stop after this time; default with --json: {_JSON_SECONDS:g}.",
     FiniteRange(min=0.1),
 )
 @option(
     "--silence S",
-    "A device that sends nothing for so long is silent; twice as long after the start.",
+    "How long a device may send nothing before it is reported as silent; twice as long after the "
+    "start.",
     POSITIVE,
     2.0,
 )
@@ -54,18 +55,18 @@ def monitor(
     silence: float,
     as_json: bool,
 ) -> None:
-    """Show what a device sends: the first thing to run when nothing works.
+    """Show what a device sends. Run this first if anything does not work.
 
-    Each joint's angle, its noise over the last second and the flags its encoder raises; the
-    frames' rate, and what was damaged or lost. In a terminal the table is live; elsewhere one
-    line is printed per second. Ends with --seconds or Ctrl-C, and then says what is wrong and
-    what to do. A port that cannot be opened, silence, and bytes that cannot be read are errors
-    that say what was seen.
+    It shows each joint's angle, its noise over the last second and the flags of its encoder, and
+    the frame rate, damaged frames and lost frames. In a terminal the table is live; elsewhere one
+    line is printed per second. It ends after --seconds or with Ctrl-C, and then shows the problems
+    and what to do. If the port cannot be opened, sends nothing, or sends unreadable bytes, the
+    command ends with an error message.
     """
     if (urdf is None) != (tip is None):
         raise click.UsageError("found one of --urdf and --tip; expected both or none")
     if base is not None and urdf is None:
-        raise click.UsageError("found --base without --urdf; expected both")
+        raise click.UsageError("found --base without --urdf; expected both or none")
     spec = read_device(device)
     shown_tip = None if urdf is None or tip is None else _Tip(urdf, tip, base, spec)
     if as_json and seconds is None:
@@ -147,7 +148,7 @@ class _View(LiveView):
     def conclude(self, data: dict[str, Any]) -> None:
         """What was seen in all, and what is wrong."""
         self.to.print(f"{data['frames']} frames; {_losses(data)}", soft_wrap=True)
-        for remark in data["remarks"] or ["nothing wrong was seen"]:
+        for remark in data["remarks"] or ["no problem was found"]:
             self.to.print(f"· {remark}", soft_wrap=True)
 
     def _picture(self, data: dict[str, Any]) -> Group:

@@ -15,10 +15,10 @@ from suta_calib.trust.observability import observe as look
 @answer_command
 @job_argument
 def observe(job: Path) -> Document:
-    """Say what the data of JOB (a calibration.yaml) can and cannot determine.
+    """Show which parameters the data of JOB (a calibration.yaml) can determine.
 
-    Nothing is solved: the answer follows from the readings, the nominal arm and the assumed
-    noise. For each parameter the data cannot tell it says why, and what to measure instead.
+    Nothing is fitted: the answer follows from the readings, the nominal arm and the assumed noise.
+    For each unidentified parameter it shows the reason, and what to measure instead.
     """
     observability = look(CalibrationJob.load(job).problem())
     return observability_document(observability)

@@ -16,19 +16,19 @@ from suta_calib.units import from_mm
 @answer_command
 @job_argument
 @option(
-    "--bias-mm", "Systematic error after registration from which on it is flagged.", POSITIVE, 1.0
+    "--bias-mm", "Systematic error after registration above which data are marked.", POSITIVE, 1.0
 )
 @out_option
 def outliers(job: Path, bias_mm: float) -> Document:
-    """Look in the data of JOB (a calibration.yaml) for what does not agree with the rest.
+    """Find the data of JOB (a calibration.yaml) that contradict the rest.
 
-    Every landmark, placement and set (of an artefact), every point and row (of other kinds) is
-    left out in turn, and four metrics are taken: its share of the squared errors (flagged over
-    1.5/n), Cook's distance (4/n), the fall of the RMS (5 %) and its bias after registration. A
-    flag needs the threshold and significance against simulated noise; three flags of four make an
-    outlier. Nothing is excluded: the answer says what excluding would do on held-out data, and
-    how to write it into the job. Writes outliers.json, the heat map outliers.svg and a section of
-    report.html.
+    Every landmark, placement and set (of an artefact), every point and row (of other kinds) is left
+    out in turn. Four metrics are computed: its share of the squared errors (limit 1.5/n), Cook's
+    distance (4/n), the reduction of the RMS (5 %) and its bias after registration. A metric counts
+    if it is beyond its limit and significant compared with simulated noise; an outlier needs three
+    of four. Nothing is excluded: the answer shows the effect of an exclusion on the validation
+    data, and the rows to add to the job. Writes outliers.json, the heat map outliers.svg and a
+    section of report.html.
     """
     loaded = CalibrationJob.load(job)
     with LateProgress("looking for outliers") as progress:

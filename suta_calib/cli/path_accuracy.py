@@ -26,12 +26,21 @@ from suta_calib.tracking.trajectory import read_trajectory
 @answer_command
 @click.argument("recorded", type=PATH, metavar="RECORDED.csv")
 @click.argument("reference", type=PATH, metavar="REFERENCE.csv")
-@urdf_option("The arm, for hysteresis per joint.")
-@option("--tip", "Link or frame of the arm that was recorded.")
-@option("--base", "Link the recording is relative to; default: the root link.")
-@flag("--register", "The files are in different frames.", name="registered")
-@option("--max-latency", "Largest latency looked at, either way, s.", FiniteRange(min=1e-3), 0.5)
-@option("--out", "Folder to write result.json and dynamics.svg into.", Folder())
+@urdf_option("URDF of the arm, for hysteresis per joint.")
+@option("--tip", "Link or frame of the arm whose motion was recorded.")
+@option("--base", "Link in which the recording is given; default: the root link.")
+@flag(
+    "--register",
+    "Register the files first, because they are in different frames.",
+    name="registered",
+)
+@option(
+    "--max-latency",
+    "Largest latency that is searched, in both directions, in s.",
+    FiniteRange(min=1e-3),
+    0.5,
+)
+@option("--out", "Folder for result.json and dynamics.svg.", Folder())
 def path_accuracy(
     recorded: Path,
     reference: Path,
@@ -44,11 +53,11 @@ def path_accuracy(
     """Compare a recorded motion with a reference: errors, latency, and direction reversals.
 
     Both files have the columns time (s, one clock) and x,y,z (m; x_mm,y_mm,z_mm: mm), and
-    qx,qy,qz,qw where orientations are to be compared. RECORDED.csv may come from track --csv:
-    with --urdf and its joint columns the hysteresis of every joint is found, and taken out of the
-    latency. Exits with 1 where the motions do not tell the latency: where it is the largest looked
-    at, where they repeat themselves, or where nothing moves but noise; and where most of the error
-    is the record's own doing: a clock that runs wrong, a stuck tracker, something that was knocked.
+    qx,qy,qz,qw if orientations are compared. RECORDED.csv may come from track --csv: with --urdf
+    and its joint columns the hysteresis of every joint is found, and removed from the latency. The
+    exit code is 1 if the motions do not determine the latency (it is at the end of the searched
+    range, the motion repeats itself, or there is only noise), or if most of the error is a fault of
+    the recording (a wrong clock, a tracker that keeps the same value, a knock).
     """
     arm = optional_arm(urdf, tip, base, "was recorded")
     motions = read_trajectory(recorded, arm), read_trajectory(reference)

@@ -20,13 +20,13 @@ from suta_calib.report.pivot import pivot_document
 @scale_option
 @pose_options
 def pivot(poses: Path, scale_ppm: float, plain: bool, seed: int) -> Document:
-    """Find the tip of a tool from poses while it rests on one point and is turned about it.
+    """Find the tip of a tool from poses taken while it rests on one point and is tilted about it.
 
     POSES.csv has the columns x,y,z,qx,qy,qz,qw: the pose T_tracker_tool, m (x_mm,y_mm,z_mm: mm).
-    With a column point there are several posts, told apart by its labels: --json has them all as
-    posts_mm, and as post_mm that of the first row. With --out writes result.json, residuals.csv,
-    pivot.svg, report.html and tip.json. Exits with 1 where the tip must not be used; then tip.json
-    is not written.
+    With a column point there are several posts, one for each label; --json has all of them as
+    posts_mm, and the one of the first row as post_mm. With --out it writes result.json,
+    residuals.csv, pivot.svg, report.html and tip.json. If the tip must not be used, the exit code
+    is 1 and tip.json is not written.
     """
     data = read_tool_poses(read_poses(poses))
     with LateProgress("calibrating"):

@@ -29,25 +29,27 @@ if TYPE_CHECKING:
 
 @answer_command
 @job_argument
-@option("-n", "How many.", click.IntRange(1, 50), 3, name="count")
-@option("--candidates", "candidates.yaml; searched in the region by default.", PATH)
+@option("-n", "Number of measurements to choose.", click.IntRange(1, 50), 3, name="count")
+@option("--candidates", "candidates.yaml; default: candidates within the region.", PATH)
 @option(
     "--criterion",
-    "Lessen the tip's uncertainty in the region, or the parameters' (D-optimal).",
+    "Reduce the uncertainty of the tip in the region, or that of the parameters (D-optimal).",
     click.Choice(["tip", "d"]),
     "tip",
 )
 @region_option
-@option("--repeats", "Of a placement; as in the data.", click.IntRange(1, 100))
-@option("--tilt", "Largest tilt of the artefact looked at, deg.", FiniteRange(0, 90), 40.0)
-@option("--target-mm", "Uncertainty of the tip to reach.", FiniteRange(1e-6))
+@option("--repeats", "Repeats of each placement; default: as in the data.", click.IntRange(1, 100))
+@option(
+    "--tilt", "Largest tilt of the artefact that is considered, in deg.", FiniteRange(0, 90), 40.0
+)
+@option("--target-mm", "Target for the uncertainty of the tip.", FiniteRange(1e-6))
 @option(
     "--least-gain",
-    "Stop where one more lessens the tip's uncertainty by less, %.",
+    "Stop when one more measurement reduces the uncertainty of the tip by less than this, in %.",
     FiniteRange(0.1, 99),
     5.0,
 )
-@seed_option("Of the search.")
+@seed_option("Seed of the search.")
 @out_option
 def plan(
     job: Path,
@@ -61,11 +63,11 @@ def plan(
     least_gain: float,
     seed: int,
 ) -> Document:
-    """Choose what to measure next for JOB (a calibration.yaml), and say when to stop.
+    """Choose what to measure next for JOB (a calibration.yaml), and when to stop.
 
     Candidates are placements of the job's artefact, flat and tilted, single points touched from
-    many directions, and postures where an instrument or a camera is used. Writes plan.csv,
-    plan.yaml and drawings. Exits with 1 where the calibration of the present data may not be used.
+    many directions, and postures for an instrument or a camera. Writes plan.csv, plan.yaml and
+    drawings. The exit code is 1 if the calibration with the present data must not be used.
     """
     loaded = CalibrationJob.load(job)
     with LateProgress("calibrating") as progress:

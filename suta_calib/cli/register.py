@@ -18,7 +18,7 @@ from suta_calib.report.registration import register_document
 @answer_command
 @click.argument("a", type=PATH, metavar="A.csv")
 @click.argument("b", type=PATH, metavar="B.csv")
-@option("--target T.csv", "Points in A's frame at which the error to expect is wanted.", PATH)
+@option("--target T.csv", "Points in frame A for which the expected error is computed.", PATH)
 @scale_option
 @pose_options
 def register(
@@ -29,12 +29,12 @@ def register(
     plain: bool,
     seed: int,
 ) -> Document:
-    """Find T_b_a, which takes the points of A.csv onto those of B.csv.
+    """Find T_b_a, the rigid transform from the points of A.csv to those of B.csv.
 
-    The files have the columns x,y,z, m (x_mm,y_mm,z_mm: mm), and their rows correspond. Columns
-    sigma_x,sigma_y,sigma_z or sigma (m, or with _mm) say how rows weigh. With --out
-    writes result.json, residuals.csv, register.svg and report.html. Exits with 1 where T_b_a must
-    not be used.
+    The files have the columns x,y,z, m (x_mm,y_mm,z_mm: mm), and their rows belong together.
+    Columns sigma_x,sigma_y,sigma_z or sigma (m, or with _mm) are standard deviations, which weight
+    the rows. With --out it writes result.json, residuals.csv, register.svg and report.html. The
+    exit code is 1 if T_b_a must not be used.
     """
     points = read_corresponding_points(read_poses(a), read_poses(b))
     targets = None if target is None else read_points(read_poses(target))

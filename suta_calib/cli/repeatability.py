@@ -26,17 +26,17 @@ from suta_calib.terms.poses import joint_ranges
 
 @answer_command
 @click.argument("samples", type=PATH, metavar="[SAMPLES.csv]…", nargs=-1)
-@urdf_option("The arm, as well calibrated as it is.")
+@urdf_option("URDF of the arm, calibrated as well as possible.")
 @option("--tip", "Link or frame that visited the point.")
-@option("--base", "Link the chain starts from; default: the root link.")
+@option("--base", "First link of the chain; default: the root link.")
 @option(
     "--stationary STREAM",
-    "CSV or Parquet of an arm at rest: time and a column per joint.",
+    "CSV or Parquet of an arm at rest, with time and one column per joint.",
     PATH,
     name="at_rest",
 )
-@option("--confidence", "Of the intervals, %.", FiniteRange(50.0, 99.9), 95.0)
-@seed_option("Of the permutations that tell directions from noise.")
+@option("--confidence", "Confidence of the intervals, in %.", FiniteRange(50.0, 99.9), 95.0)
+@seed_option("Seed of the permutations for the test of directions.")
 @option("--out", "Folder for repeatability.json, pictures and report.html.", Folder())
 def repeatability(
     samples: tuple[Path, ...],
@@ -47,19 +47,19 @@ def repeatability(
     confidence: float,
     seed: int,
 ) -> Document:
-    """How well an arm comes back to one point (ISO 9283), and what its encoders do at rest.
+    """Measure the repeatability of an arm at one point (ISO 9283), and its encoders at rest.
 
-    All rows of SAMPLES.csv visited one point: a column per joint, and optionally `direction` (of
-    the push on the seated tip) and `protocol` (ways to visit, compared with one another). With the
-    columns `placement` and `landmark`, as in a calibration's samples, each landmark of a placement
-    is a point of its own, and the scatter of its repeats is pooled over all of them. Without
-    SAMPLES.csv, --stationary alone looks at the encoders. Exits with 1 where an arm that should
-    have been at rest moved.
+    All rows of SAMPLES.csv are visits to one point. There is a column per joint, and optionally
+    `direction` (of the push on the seated tip) and `protocol` (ways of visiting, which are
+    compared). With the columns `placement` and `landmark`, as in a calibration's samples, each
+    landmark of a placement is a separate point, and the scatter of all repeats is combined. With
+    --stationary but without SAMPLES.csv, only the encoders are analysed. The exit code is 1 if an
+    arm that should have been at rest moved.
     """
     if not samples and at_rest is None:
         raise click.UsageError("give SAMPLES.csv (visits to one point), --stationary, or both")
     if urdf is None and samples:
-        raise click.UsageError("SAMPLES.csv needs --urdf and --tip: whose visits these are")
+        raise click.UsageError("SAMPLES.csv needs --urdf and --tip, the arm that made these visits")
     arm = optional_arm(urdf, tip, base, "visited the point")
     visits = touches = rest = None
     with LateProgress("comparing visits"):

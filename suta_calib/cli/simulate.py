@@ -15,11 +15,11 @@ from suta_calib.simulation import simulate as run
 
 @click.command()
 @click.argument("simulation", type=PATH, metavar="SIMULATION.yaml")
-@option("--out", "Folder to write into.", Folder(), required=True)
-@option("--seed", "In place of the file's own seed.", click.IntRange(min=0))
+@option("--out", "Folder for the simulated files.", Folder(), required=True)
+@option("--seed", "Seed, instead of the one in the file.", click.IntRange(min=0))
 @flag("--json", "Print one JSON object.", name="as_json")
 def simulate(simulation: Path, out: Path, seed: int | None, as_json: bool) -> None:
-    """Simulate measurements as SIMULATION.yaml describes them, and the truth behind them."""
+    """Simulate the measurements that SIMULATION.yaml describes, and write their true values."""
     spec = read_simulation(simulation)
     with LateProgress("simulating") as progress:
         made = run(spec, seed, lambda path: progress.about(f"simulating {path}"))
@@ -34,10 +34,10 @@ def simulate(simulation: Path, out: Path, seed: int | None, as_json: bool) -> No
         click.echo(json.dumps(answer | ({"removed": [*map(str, removed)]} if removed else {})))
         return
     for path in removed:
-        click.echo(f"removed {path}, which held a header and no data")
+        click.echo(f"removed {path}, which contained only a header")
     total = sum(len(file.samples) for file in made.files)
     wrong = sum(len(file.outliers) for file in made.files)
     click.echo(
-        f"{total} simulated samples in {len(files)} files, {wrong} of them outliers "
-        f"(seed {made.seed}); the truth is in {out}/truth.yaml"
+        f"{total} simulated samples in {len(files)} files, {wrong} of them outliers (seed "
+        f"{made.seed}); the true values are in {out}/truth.yaml"
     )

@@ -15,21 +15,22 @@ from suta_calib.stereotactic import StereotacticData, compare, read_given, solve
 
 @answer_command
 @click.argument("prefix", type=PATH, metavar="PREFIX")
-@option("--out", "Folder to write into.", Folder(), required=True)
-@flag("--dewarp", "Correct the EM tracker's distortion, and navigate.")
+@option("--out", "Folder for the results.", Folder(), required=True)
+@flag("--dewarp", "Also correct the distortion of the EM tracker, and navigate.")
 @click.option(
     "--robust/--no-robust",
     default=None,
     show_default=False,
-    help="Leave out markers and frames that do not fit the others. Without this option: only in "
-    "steps where that predicts left-out frames better.",
+    help="Leave out markers and frames that do not fit the others. Default: only in steps where "
+    "this improves the prediction of left-out frames.",
 )
 def stereotactic(prefix: Path, dewarp: bool, robust: bool | None) -> Document:
     """Solve the stereotactic navigation problem of the files PREFIX-calbody.txt and so on.
 
-    Writes NAME-output1.txt and a picture; with --dewarp also NAME-output2.txt, where the fiducials
-    and navigation frames are there. NAME is the last part of PREFIX. Output files that stand beside
-    the inputs are compared with. Exits with 1 where the answer must not be used.
+    Writes NAME-output1.txt and a picture; with --dewarp also NAME-output2.txt, if the files of
+    fiducials and navigation frames exist. NAME is the last part of PREFIX. Output files in the
+    folder of the inputs are compared with the results. The exit code is 1 if the result must not be
+    used.
     """
     data = StereotacticData.read(prefix, navigation=dewarp)
     with LateProgress("solving"):

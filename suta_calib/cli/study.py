@@ -54,48 +54,52 @@ def _sizes(
 @answer_command
 @job_argument
 @option(
-    "--kind", "What to study.", click.Choice(["size", "bootstrap", "monte-carlo", "drift"]), "size"
+    "--kind",
+    "What is studied.",
+    click.Choice(["size", "bootstrap", "monte-carlo", "drift"]),
+    "size",
 )
-@option("--trials", "How many; of each size.", click.IntRange(1, 100_000), 100)
-@option("--sizes LIST", "Sets to draw, as 1-10 or 2,4,8; default: 1-10.", callback=_sizes)
+@option("--trials", "Number of trials; for sizes: of each size.", click.IntRange(1, 100_000), 100)
+@option("--sizes LIST", "Numbers of sets, such as 1-10 or 2,4,8; default: 1-10.", callback=_sizes)
 @option(
     "--unit [set|placement|point|…|sample]",
-    "What is drawn as a whole; default: set, one placement and repeat, where there are any.",
+    "What is drawn as one unit; default: set (one placement and repeat), if the data have sets.",
 )
-@option("--tolerance-pct", "How far above the largest size's mean is still enough.", POSITIVE, 5.0)
-@option("--walk-deg", "drift: of each angle after one day (1 std).", FiniteRange(0, 360))
-@option("--walk-mm", "drift: of each length after one day (1 std).", FiniteRange(0, 1e6))
-@option("--days", "drift: how long to look ahead.", FiniteRange(1e-6, 1e5), 90.0)
-@seed_option("Of all draws.")
-@option("--jobs", "Processes; default: one per core.", click.IntRange(1, 1024))
-@option("--dask ADDRESS", "Run on this Dask cluster, as tcp://host:8786.")
-@flag("--resume", "Go on with the trials an earlier run finished.")
+@option("--tolerance-pct", "Allowed error above the mean of the largest size, in %.", POSITIVE, 5.0)
+@option("--walk-deg", "drift: change of each angle in one day (1 std).", FiniteRange(0, 360))
+@option("--walk-mm", "drift: change of each length in one day (1 std).", FiniteRange(0, 1e6))
+@option("--days", "drift: number of days to simulate.", FiniteRange(1e-6, 1e5), 90.0)
+@seed_option("Seed of all random draws.")
+@option("--jobs", "Number of processes; default: one per core.", click.IntRange(1, 1024))
+@option("--dask ADDRESS", "Run on this Dask cluster, such as tcp://host:8786.")
+@flag("--resume", "Continue with the trials of an interrupted run.")
 @anyway_option
 @out_option
 def study(job: Path, kind: str, resume: bool, anyway: bool, **asked: Any) -> Document:
     """Repeat the calibration of JOB many times over parts of its data.
 
-    size: random subsets of the measurement sets, judged on held-out data, say how many are enough.
-    bootstrap: sets drawn with replacement say how the estimates scatter. monte-carlo: data
-    simulated at the solution say whether predicted standard deviations are right. drift: estimated
-    parameters walk at --walk-deg and --walk-mm, growing with the root of time; when the held-out
-    error is --tolerance-pct above today's in one arm of twenty, calibrate again.
+    size: random subsets of the measurement sets, judged on validation data, show how many sets are
+    enough. bootstrap: sets drawn with replacement show how the estimates scatter. monte-carlo: data
+    simulated at the solution show whether the predicted standard deviations are right. drift: the
+    estimated parameters drift randomly by --walk-deg and --walk-mm, growing with the square root of
+    time; the arm should be calibrated again when the validation error of 5 % of the arms has grown
+    by --tolerance-pct.
 
-    Every trial has random numbers of its own, so that the answer is the same with any number of
-    processes and on a cluster. Finished trials are kept in a .trials.csv beside the answer; without
-    --resume it is begun anew. Exits with 1 where no trial gave a result.
+    Every trial has its own random numbers, so that the result does not depend on the number of
+    processes or on a cluster. Finished trials are kept in a .trials.csv next to the result; without
+    --resume the study starts again. The exit code is 1 if no trial gave a result.
     """
     trials, tolerance, seed = asked["trials"], stored(asked["tolerance_pct"], "%"), asked["seed"]
     walk_deg, walk_mm = asked["walk_deg"], asked["walk_mm"]
     if kind == "drift":
         if resume or any(asked[name] is not None for name in ("unit", "dask", "sizes", "jobs")):
             raise click.UsageError(
-                "--kind drift draws no sets and runs in one process: it takes no --unit, --sizes, "
-                "--jobs, --dask or --resume"
+                "--kind drift draws no sets and runs in one process: leave out --unit, --sizes, "
+                "--jobs, --dask and --resume"
             )
         if not walk_deg and not walk_mm:
             raise click.UsageError(
-                "--kind drift needs --walk-deg or --walk-mm: how far parameters walk in a day"
+                "--kind drift needs --walk-deg or --walk-mm, the drift of the parameters in one day"
             )
         walk = from_deg(walk_deg or 0.0), from_mm(walk_mm or 0.0)
         options = DriftOptions(*walk, asked["days"], tolerance, trials, seed=seed)
@@ -103,7 +107,7 @@ def study(job: Path, kind: str, resume: bool, anyway: bool, **asked: Any) -> Doc
     if walk_deg is not None or walk_mm is not None:
         raise click.UsageError("--walk-deg and --walk-mm are for --kind drift")
     if asked["sizes"] is not None and kind != "size":
-        raise click.UsageError(f"--sizes is for --kind size; {kind} takes as many as there are")
+        raise click.UsageError(f"--sizes is for --kind size; {kind} uses all sets")
 
     chosen = cast("Kind", kind)
     request = Request(chosen, trials, asked["sizes"], asked["unit"], seed, tolerance)
@@ -116,7 +120,7 @@ def study(job: Path, kind: str, resume: bool, anyway: bool, **asked: Any) -> Doc
             )  # fmt: skip
     except KeyboardInterrupt:
         if log.exists():
-            click.echo(f"finished trials are in {log}: go on with --resume", err=True)
+            click.echo(f"finished trials are in {log}: continue with --resume", err=True)
         raise
     return study_document(result)
 

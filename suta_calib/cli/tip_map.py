@@ -37,15 +37,15 @@ if TYPE_CHECKING:
 
 @answer_command
 @click.argument("job", type=PATH, metavar="JOB|result.json", is_eager=True)
-@urdf_option("With result.json: the nominal arm it was made from.")
+@urdf_option("With result.json: the nominal arm from which it was made.")
 @option("--tip", "With result.json: link or frame of the tip.")
-@option("--base", "With result.json: link the chain starts at; default: the root.")
+@option("--base", "With result.json: first link of the chain; default: the root.")
 @anyway_option
 @region_option
 @place_option
-@option("--tolerance-mm", "Exit code 1 if the RMS is larger.", FiniteRange(1e-6))
-@option("--grid", "Points along each side of the map.", click.IntRange(5, 301), 61)
-@seed_option("Of the search.")
+@option("--tolerance-mm", "Largest acceptable RMS; above it the exit code is 1.", FiniteRange(1e-6))
+@option("--grid", "Number of points along each side of the map.", click.IntRange(5, 301), 61)
+@seed_option("Seed of the search.")
 @out_option
 def tip_map(
     job: Path,
@@ -59,17 +59,19 @@ def tip_map(
     grid: int,
     seed: int,
 ) -> Document:
-    """Map how far the tip may be off because the arm is not known better.
+    """Map the uncertainty of the tip that comes from the uncertainty of the calibration.
 
-    From the full covariance of JOB's calibration (a calibration.yaml), or of a result.json with
-    its arm: figures over a region and a map over the arm, absolute and after registration.
+    The full covariance of JOB's calibration (a calibration.yaml), or of a result.json with its arm,
+    gives figures for a region and a map over the workspace, absolute and after registration.
     """
     tolerance = None if tolerance_mm is None else from_mm(tolerance_mm)
     options = TipMapOptions(region, register_at, tolerance, grid, seed)
     if urdf is not None:
         result = _of_result(job, urdf, tip, base, options, anyway=anyway)
     elif tip is not None or job.suffix.lower() == ".json":
-        raise click.UsageError("a result.json needs --urdf and --tip: the arm it was made from")
+        raise click.UsageError(
+            "a result.json needs --urdf and --tip, the arm from which it was made"
+        )
     else:
         result = _of_job(job, options, anyway=anyway)
     return tip_map_document(result)
@@ -92,7 +94,9 @@ def _of_result(
     anyway: bool,
 ) -> TipMap:
     if tip is None or options.box is None:
-        raise click.UsageError("a result.json needs --tip and --region: it knows no samples")
+        raise click.UsageError(
+            "a result.json needs --tip and --region, because it contains no samples"
+        )
     arm = ArmModel.from_urdf(urdf, tip, base)
     read = read_uncertainty(result, arm, anyway=anyway)
     check_nominal(arm, result, read.values)

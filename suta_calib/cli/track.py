@@ -64,48 +64,49 @@ def _address(host_needed: bool) -> Callable[..., tuple[str, int] | None]:
 @click.command()
 @urdf_argument("ARM.urdf", "arm")
 @option("--tip", "Link or frame of the arm that is tracked.", required=True)
-@option("--base", "Link the pose is relative to; default: the root link.")
+@option("--base", "Link in which the pose is given; default: the root link.")
 @option("--device", "device.yaml: port, format, joints.", PATH, required=True)
 @option(
     "--result RESULT.json",
-    "Of the calibration that wrote ARM.urdf: for the tip's standard uncertainty.",
+    "Result of the calibration that wrote ARM.urdf, for the standard uncertainty of the tip.",
     PATH,
 )
 @anyway_option
-@option("--tool TIP.json", "Pivot offset, as pivot --out writes.", PATH)
+@option("--tool TIP.json", "Offset of the tip, as pivot --out writes it.", PATH)
 @option(
     "--igtl [HOST:]PORT",
-    "Serve OpenIGTLink TRANSFORM messages, mm, to any number of clients; with --result "
-    "also SENSOR messages NAMEStd: standard deviations of x y z (mm) and of the rotations "
+    "Send OpenIGTLink TRANSFORM messages in mm to any number of clients; with --result also "
+    "SENSOR messages NAMEStd with the standard deviations of x y z (mm) and of the rotations "
     "(degrees). [Slicer: 18944]",
     callback=_address(host_needed=False),
 )
 @option(
     "--host ADDRESS",
-    "Where --igtl listens: on this computer only; 0.0.0.0 lets anybody on the network read.",
+    "Address for --igtl; default: only this computer can read; with 0.0.0.0 everybody in the "
+    "network can.",
     default="127.0.0.1",
 )
-@option("--igtl-name", "Their device name.", default="TipToBase")
-@option("--udp HOST:PORT", "Send JSON datagrams, m.", callback=_address(host_needed=True))
+@option("--igtl-name", "Device name in the OpenIGTLink messages.", default="TipToBase")
+@option(
+    "--udp HOST:PORT", "Send JSON datagrams, lengths in m.", callback=_address(host_needed=True)
+)
 @option("--csv FILE", "Record every pose as CSV, m.", PATH)
 @option("--parquet FILE", "Record every pose as Parquet, m.", PATH)
-@flag("--force", "Replace recordings of the same names.")
-@option("--seconds", "Stop so long after the first reading.", POSITIVE)
+@flag("--force", "Replace existing recordings of the same name.")
+@option("--seconds", "Stop this long after the first reading, in s.", POSITIVE)
 @flag("--stats", "Show the latency from frame arrival to publication.")
-@option(
-    "--rate HZ", "Publish at most so many poses a second; default: one for every frame.", POSITIVE
-)
+@option("--rate HZ", "Largest number of poses per second; default: one for every frame.", POSITIVE)
 @json_option
 @click.pass_context
 def track(context: click.Context, /, **options: Any) -> None:
     """Track the tip of ARM.urdf (a calibrated one, for raw readings) until Ctrl-C or --seconds.
 
-    A pose is not valid while an encoder of the arm raises its error flag: OpenIGTLink clients then
-    get nothing, UDP datagrams say "valid": false and have no numbers, and rows of files have valid
-    0 and no pose. A device that is unplugged or silent is waited for. Files are complete when the
-    command ends; until then they are called FILE.part, and without --force they replace no others.
-    With --json one object with counts, latency and the last pose is printed at the end, and
-    nothing else. Exits with 1 where there was no valid pose.
+    A pose is not valid while an encoder of the arm sets its error flag: OpenIGTLink clients then
+    receive nothing, UDP datagrams contain "valid": false and no numbers, and rows of files have
+    valid 0 and no pose. If the device is unplugged or silent, the command waits for it. Files are
+    complete when the command ends; until then they are called FILE.part, and without --force they
+    do not replace existing ones. With --json only one object with counts, latency and the last pose
+    is printed at the end. The exit code is 1 if there was no valid pose.
     """
     stats, as_json = options.pop("stats"), options.pop("as_json")
     tracking = Tracking(TrackOptions(**options))
@@ -121,7 +122,7 @@ def track(context: click.Context, /, **options: Any) -> None:
     if tracking.interrupted:
         raise KeyboardInterrupt
     if not tracking.session.valid:
-        click.echo("suta-calib: no valid pose in all that time", err=True)
+        click.echo("suta-calib: no valid pose during all this time", err=True)
         context.exit(1)
 
 
@@ -129,14 +130,14 @@ def _print_end(tracking: Tracking, *, stats: bool) -> None:
     to, session, calibration = console(), tracking.session, tracking.uncertainty
     to.print(_table(tracking, session.summary()["rate_hz"], stats=stats))
     if calibration is not None:
-        were = "was" if len(calibration.fixed) == 1 else "were"
+        are = "is" if len(calibration.fixed) == 1 else "are"
         fixed = (
-            f"; relative to {', '.join(calibration.fixed)}, which {were} held"
+            f"; valid only while the held {', '.join(calibration.fixed)} {are} correct"
             if calibration.fixed
             else ""
         )
         counted = listed(calibration.counted)
-        held = f", and from how far off {counted} may be, held at nominal" if counted else ""
+        held = f", and from the assumed error of {counted}, held at nominal" if counted else ""
         to.print(f"± is from the {SOURCE_WORDS[calibration.source]}{held}{fixed}.", soft_wrap=True)
     if tracking.warmth:
         to.print(tracking.warmth, soft_wrap=True)
@@ -218,9 +219,11 @@ def _line(session: TrackingSession, rate: float, *, stats: bool) -> str:
 def _table(tracking: Tracking, rate: float, *, stats: bool) -> RenderableType:
     """The pose, what the device lost, what publishers did, percentiles of latency."""
     session, device = tracking.session, tracking.statistics
-    lost = f"{device.lost_frames} lost, {device.frame_crc_errors} damaged frames"
+    lost = f"{device.lost_frames} frames lost, {device.frame_crc_errors} damaged"
     lost += f", {device.word_crc_errors} damaged words"
-    lines = [f"{rate:.0f} poses a second, {session.valid} valid, {session.invalid} not; {lost}"]
+    lines = [
+        f"{rate:.0f} poses per second, {session.valid} valid, {session.invalid} invalid; {lost}"
+    ]
     if session.last is not None and session.last.warnings:
         lines.append(f"warning flag of {', '.join(session.last.warnings)}")
     for publisher in session.publishers:

@@ -27,17 +27,17 @@ if TYPE_CHECKING:
 @click.argument("job", type=PATH, metavar="JOB|RESULT")
 @option(
     "--result",
-    "The result.json beside it: corrects gains, eccentric encoders and yielding joints too, "
-    "and says how unsure the arm is.",
+    "The result.json of this URDF: also corrects gains, eccentric encoders and compliant joints, "
+    "and gives the uncertainty of the arm.",
     PATH,
 )
 @anyway_option
 def validate(urdf: UrdfFile, job: Path, result: Path | None, anyway: bool) -> Document:
-    """Run the validation data of JOB through URDF, such as a calibrated.urdf.
+    """Test URDF, such as a calibrated.urdf, with the validation data of JOB.
 
-    In the job's place RESULT, a folder of results or its result.json, gives the data that it was
-    made with. The arm is held as the URDF has it. "before" is the job's own URDF, "after" the given
-    one.
+    Instead of the job, RESULT (a folder of results or its result.json) gives the data that it was
+    made with. The arm is used as it is in the URDF, without a fit. "before" is the job's URDF,
+    "after" the given one.
     """
     loaded = _job(job)
     if not loaded.validation:

@@ -28,16 +28,16 @@ if TYPE_CHECKING:
 
 @click.command()
 @click.argument("job", type=PATH, metavar="JOB|RESULT")
-@option("--html FILE.html", "Write one file, and serve none.", WRITTEN)
-@option("--port", "0: any that is free.", click.IntRange(0, 65535), 8080)
+@option("--html FILE.html", "Write one HTML file instead of starting a server.", WRITTEN)
+@option("--port", "Port of the server; 0 for any free port.", click.IntRange(0, 65535), 8080)
 @option(
     "--host ADDRESS",
-    "Address to listen on. By default only this computer can look; with 0.0.0.0, whoever "
-    "on the network has the printed address.",
+    "Address of the server. Default: only this computer can look; with 0.0.0.0 everybody in the "
+    "network who has the printed address.",
     default="127.0.0.1",
 )
-@option("--device", "device.yaml: the arm moves as this device reads.", PATH)
-@option("--seconds", "Stop after so long.", POSITIVE)
+@option("--device", "device.yaml of a device that moves the arm live.", PATH)
+@option("--seconds", "Stop after this time, in s.", POSITIVE)
 @anyway_option
 @json_option
 @click.pass_context
@@ -53,16 +53,18 @@ def view(
     anyway: bool,
     as_json: bool,
 ) -> None:
-    """See a calibration in 3-D: in the browser, or as one file that opens offline.
+    """Show a calibration in 3-D: in the browser, or in one file that opens offline.
 
     JOB (a calibration.yaml) is calibrated first; RESULT is a result.json, or its folder, as
-    calibrate wrote it. There are the nominal and the calibrated arm, with their meshes where the
-    URDF's are found; what was touched or seen; errors and the tip's uncertainty, magnified; and
-    every sample, whose name a click shows. Outlying errors are red. Ends with --seconds or Ctrl-C;
-    exits with 1 where the calibration must not be used.
+    calibrate wrote it. The view shows the nominal and the calibrated arm (with their meshes, if
+    these are found), the touched or seen points, errors and the uncertainty of the tip, magnified,
+    and every sample; a click shows its name. Outliers are red. It ends after --seconds or with
+    Ctrl-C. The exit code is 1 if the calibration must not be used.
     """
     if html is not None and device is not None:
-        raise click.UsageError("found --html with --device; expected one: a file shows no live arm")
+        raise click.UsageError(
+            "found --html with --device; expected only one: a file cannot show a live arm"
+        )
 
     spec = None if device is None else read_device(device)
     calibrated = _calibrated(job, anyway=anyway)
@@ -78,7 +80,7 @@ def view(
 
     serving = view_calibration(calibrated, port, host)
     with suppress(KeyboardInterrupt), ended_by_sigterm(), serving as viewer:
-        where = f"Look at {viewer.url}; Ctrl-C ends it"
+        where = f"Open {viewer.url} in a browser; Ctrl-C ends it"
         _say(calibrated, {**answer, "url": viewer.url}, where, as_json=as_json)
         _serve(viewer, calibrated, spec, seconds)
     context.exit(calibrated.assessment.exit_code)

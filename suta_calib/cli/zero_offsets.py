@@ -31,23 +31,24 @@ if TYPE_CHECKING:
 @answer_command
 @urdf_argument("ARM.urdf")
 @option("--tip", "Link or frame whose poses are known.", required=True)
-@option("--base", "Link the poses are given in; the root link by default.")
+@option("--base", "Link in which the poses are given; default: the root link.")
 @option(
     "--readings",
-    "CSV: a column per joint, and x,y,z[,qx,qy,qz,qw] (m) unless --pose is given.",
+    "CSV with one column per joint, and x,y,z[,qx,qy,qz,qw] (m) unless --pose is given.",
     PATH,
     required=True,
 )
 @option(
     "--pose X,Y,Z[,R,P,Y]",
-    "Pose of the tip in the base, mm and deg; once per row of the readings, in their order.",
+    "Pose of the tip in the base frame, in mm and deg; once for each row of the readings, in the "
+    "same order.",
     multiple=True,
 )
-@option("--branch", "Which of the answers that fit.", click.IntRange(min=1), 1)
+@option("--branch", "Number of the solution, if several fit.", click.IntRange(min=1), 1)
 @option("--out", "URDF to write, with the offsets.", WRITTEN, name="file")
 @option(
     "--tolerance-mm",
-    "How far the tip may stay from where it is known to be (RMS).",
+    "Largest acceptable distance of the tip from its known positions (RMS).",
     POSITIVE,
     20.0,
 )
@@ -63,13 +64,13 @@ def zero_offsets(
 ) -> Document:
     """Find the encoder offsets that make ARM.urdf agree with known poses of its tip.
 
-    One pose with its orientation tells the offsets of six joints, up to the ways (branches) in
-    which the arm can reach it; they are listed, the smallest offsets first, and the first is taken
-    unless --branch says otherwise. Nothing checks what one pose tells: give two, and be sure to
-    where an offset is beyond 45 degrees. Positions alone give three equations each: give several.
-    With --out writes the URDF with the offsets in its joints' origins, for raw readings. Exits
-    with 1, and writes nothing, where no offsets fit, where the poses leave a choice between many,
-    or where nothing bears out large ones.
+    One pose with its orientation determines the offsets of six joints, except for the branches:
+    several ways in which the arm can reach it. The branches are listed, with the smallest offsets
+    first, and the first is used unless --branch chooses another. A single pose is not checked by
+    other data: give two, above all if an offset is beyond 45 degrees. Each position without
+    orientation gives three equations: give several. With --out it writes the URDF with the offsets
+    in its joints' origins, for raw readings. The exit code is 1, and nothing is written, if no
+    offsets fit, if infinitely many fit, or if large offsets are not confirmed by a second pose.
     """
     if file is not None:
         check_outputs([file], [urdf, readings])
@@ -96,12 +97,16 @@ def _samples(arm: ArmModel, readings: Path, poses: Sequence[str]) -> Samples:
     if len(numbers) != len(samples):
         raise InputError(
             f"{len(numbers)} --pose for {len(samples)} rows",
-            "one --pose per row",
+            "one --pose for each row",
             file=readings,
             hint="or give the columns x,y,z in the file",
         )
     if len({len(array) for array in numbers}) > 1:
-        raise InputError("poses with and without orientation", "one or the other", where="--pose")
+        raise InputError(
+            "poses with and without orientation",
+            "all poses with orientation, or all without",
+            where="--pose",
+        )
     table = np.array(numbers)
     oriented = table.shape[1] > len("xyz")
     turns = from_deg(table[:, 3:])

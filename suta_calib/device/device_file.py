@@ -93,7 +93,7 @@ def read_device(path: str | Path) -> DeviceSpec:
     if form.counts_per_turn is None and unit == "counts" and "counts_per_turn" not in top:
         # Nobody's laboratory arm has 22 bits by default: lines in counts must say how many.
         raise top.refuse(
-            "nothing",
+            "no such key",
             f"the number of counts per turn, because the format is {form.name} in counts",
             at=("counts_per_turn",),
         )

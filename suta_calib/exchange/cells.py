@@ -69,8 +69,8 @@ def read_bounded(path: Path) -> bytes:
     except (OSError, ValueError) as problem:
         reason = getattr(problem, "strerror", None) or str(problem)
         if getattr(problem, "errno", None) == errno.EFBIG:
-            expected = "a recording of a few hundred thousand rows"
-            hint = "cut it, or record less often: averages over rests carry as much"
+            expected = "a recording with at most a few hundred thousand rows"
+            hint = "cut it, or record less often: averages over rests contain as much information"
             raise ForeignFileError(reason, expected, file=path, hint=hint) from None
         description = f"an unreadable file ({reason})"
         raise ForeignFileError(description, "a readable file", file=path) from None
@@ -89,7 +89,7 @@ def read_foreign_text(path: Path) -> str:
     utf_16 = data.startswith((b"\xff\xfe", b"\xfe\xff"))
     if b"\0" in data and not utf_16:
         line = data[: data.index(b"\0")].count(b"\n") + 1
-        raise ForeignFileError("bytes that are no text", "a text file", file=path, line=line)
+        raise ForeignFileError("bytes that are not text", "a text file", file=path, line=line)
     try:
         return data.decode("utf-16" if utf_16 else "utf-8-sig")
     except UnicodeDecodeError:
@@ -111,7 +111,7 @@ def read_json(path: Path) -> dict[str, Any]:
         raise ForeignFileError(reason, "a JSON object", file=path) from None
     if not isinstance(data, dict) or not data:
         description = "an empty JSON object" if data == {} else f"a JSON {type(data).__name__}"
-        raise ForeignFileError(description, "a JSON object with something in it", file=path)
+        raise ForeignFileError(description, "a JSON object with content", file=path)
     return data
 
 
@@ -134,7 +134,7 @@ def split_lines(path: Path, text: str, separator: str) -> Iterator[tuple[int, li
             try:
                 yield number, next(csv.reader([content], delimiter=separator, strict=True))
             except csv.Error as problem:
-                description = f"a line that is no row of cells ({problem})"
+                description = f"a line that cannot be split into cells ({problem})"
                 raise ForeignFileError(description, file=path, line=number) from None
 
 

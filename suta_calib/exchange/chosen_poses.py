@@ -10,12 +10,11 @@ from suta_calib.words import listed
 
 FRAME: Final = Option(
     "frame",
-    "What you call a frame; may be given again. Only poses between frames that have such a name "
-    "are written.",
+    "Your name for a frame; may be repeated. Only poses between named frames are written.",
     "hand=tool0",
     several=True,
 )
-POSE: Final = Option("pose", "Which of several poses, by its child frame.", "NAME")
+POSE: Final = Option("pose", "Child frame of the pose to write, if there are several.", "NAME")
 POSE_OPTIONS: Final = (FRAME, POSE)
 
 
@@ -46,7 +45,7 @@ def chosen_poses(result: Result, form: str, given: Given) -> tuple[Transform, ..
         chosen = [pose for pose in poses if {pose.parent, pose.child} <= names.keys()]
         if not chosen:
             pairs = listed([f"{pose.parent} and {pose.child}" for pose in poses])
-            problem = f"names for {listed(list(names))} alone"
+            problem = f"names for only {listed(list(names))}"
             raise given.refuse(FRAME, problem, f"names for both frames of a pose: {pairs}")
     else:
         chosen = [*poses]

@@ -16,7 +16,7 @@ from suta_calib.words import listed
 
 COLUMNS: Final = Option(
     "columns",
-    "Columns by name or number that have other names here.",
+    "Names for columns, given by name or number, that have other names in the file.",
     "q1=joint_1,7=x,…",
     several=True,
 )
@@ -72,11 +72,11 @@ def refuse_numbered(sheet: Sheet, names: Sequence[str]) -> None:
             renamed += [f"{a}={b}" for a, b in zip(turn, _ANGLES, strict=True)]
             angles = f" {UNIT.switch} rad --rotation xyz"
         raise ForeignFileError(
-            f"columns {', '.join([*position, *turn])}, which are no names of a pose",
+            f"columns {', '.join([*position, *turn])}, which are not names of a pose",
             "x, y, z, and roll, pitch, yaw or a quaternion qx, qy, qz, qw",
             file=sheet.path,
             line=max(1, sheet.lines[0] - 1),
-            hint=f"say {COLUMNS.switch} {','.join(renamed)}{angles}, or what else they are",
+            hint=f"give {COLUMNS.switch} {','.join(renamed)}{angles}, or other names",
         )
 
 
@@ -101,6 +101,9 @@ def renamed(sheet: Sheet, given: Given) -> list[str]:
     for name, times in Counter(names).items():
         if name and times > 1:
             raise ForeignFileError(
-                f"{name!r} for several columns", "each once", file=sheet.path, where=COLUMNS.switch
+                f"{name!r} for several columns",
+                "each name only once",
+                file=sheet.path,
+                where=COLUMNS.switch,
             )
     return names

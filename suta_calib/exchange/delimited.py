@@ -31,11 +31,11 @@ from suta_calib.words import listed
 
 _SEPARATORS: Final = {"tab": "\t", "semicolon": ";", "comma": ",", "bar": "|", "blank": " "}
 _DECIMALS: Final = {"point": ".", "comma": ","}
-SEPARATOR: Final = Option("separator", "Between cells.", choices=tuple(_SEPARATORS))
+SEPARATOR: Final = Option("separator", "Separator between cells.", choices=tuple(_SEPARATORS))
 DECIMAL: Final = Option("decimal", "Decimal sign.", choices=tuple(_DECIMALS))
 HEADER: Final = Option("header", "Whether the first row names the columns.", choices=("yes", "no"))
-SKIP: Final = Option("skip", "Lines before the table that are no part of it.", "N")
-SHEET: Final = Option("sheet", "Sheet of a spreadsheet, by name.", "NAME")
+SKIP: Final = Option("skip", "Number of lines before the table that do not belong to it.", "N")
+SHEET: Final = Option("sheet", "Name of the sheet in a spreadsheet.", "NAME")
 DELIMITED_OPTIONS: Final = (SEPARATOR, DECIMAL, HEADER, SKIP, SHEET, COMPLETE)
 SPREADSHEETS: Final = (".xlsx", ".xlsm")
 _DECIMAL_COMMA: Final = re.compile(r"[+-]?\d*,\d+(?:[eE][+-]?\d+)?", re.ASCII)
@@ -54,11 +54,11 @@ def read_sheet(path: Path, given: Given) -> Sheet:
         name, decimal = _signs(path, text, given)
         separator = _SEPARATORS[name]
         check_end_of_rows(path, text, separator, given)
-        remarks = (f"Cells between {name}s, decimal {decimal}.",)
+        remarks = (f"Cells separated by {name}s, decimal {decimal}.",)
         everything = partial(_split, path, text, name, decimal, _skipped(given))
     head = [(line, tuple(cell.strip() for cell in row)) for line, row in islice(everything(), 2)]
     if not head:
-        raise ForeignFileError("no row with anything in it", "a table", file=path)
+        raise ForeignFileError("only empty rows", "a table", file=path)
     headed = _is_header([row for _, row in head])
     if HEADER in given:
         headed = given.text(HEADER) == "yes"
@@ -67,17 +67,22 @@ def read_sheet(path: Path, given: Given) -> Sheet:
         raise _too_wide(path, line, len(first))
     names = first if headed else tuple(str(k + 1) for k in range(len(first)))
     if headed and len(head) == 1:
-        raise ForeignFileError("a header and no data", "at least one row", file=path)
+        raise ForeignFileError("a header without data", "at least one row", file=path)
 
     def data() -> Iterator[RawRow]:
         return _even(path, len(names), islice(everything(), int(headed), None), headed=headed)
 
-    remarks += ("The first row names the columns." if headed else "No row names the columns.",)
+    remarks += ("The first row names the columns." if headed else "No row with column names.",)
     for column, times in Counter(names).items():
         if column and times > 1:
-            hint = "an instrument's own file? suta-calib import --list names those with bodies"
+            hint = (
+                "if this is an instrument's own file, suta-calib import --list shows the "
+                "formats with bodies"
+            )
             problem = f"the column {column!r} more than once"
-            raise ForeignFileError(problem, "each column once", file=path, line=line, hint=hint)
+            raise ForeignFileError(
+                problem, "each column only once", file=path, line=line, hint=hint
+            )
     sheet = sheet_of(path, names, data, headed=headed, remarks=remarks)
     if headed or not text or HEADER in given:
         return sheet
@@ -102,7 +107,7 @@ def _comment(text: str, begin: int, separator: str, width: int) -> tuple[str, ..
 def _too_wide(path: Path, line: int, columns: int) -> ForeignFileError:
     """Error about a row with too many cells, to be raised by the caller."""
     problem, expected = f"{columns} columns", f"at most {_MOST_COLUMNS}"
-    hint = "are its rows its columns?"
+    hint = "check whether rows and columns are exchanged"
     return ForeignFileError(problem, expected, file=path, line=line, hint=hint)
 
 
@@ -128,12 +133,18 @@ def _even(path: Path, width: int, rows: Iterator[RawRow], *, headed: bool) -> It
 def _why_uneven(cells: int, width: int, *, last: bool) -> str:
     """What to do about a row with more or fewer cells than the first one."""
     if cells == 2 * width:
-        return "decimal commas between commas? write the table again with semicolons between cells"
+        return (
+            "decimal commas and commas between cells? Write the table again with semicolons "
+            "between cells"
+        )
     if last and cells < width:
-        return "was the file cut off while it was written? remove its last line, or write it again"
+        return (
+            "check whether the file was cut off while it was written. Remove its last line, "
+            "or write it again"
+        )
     return (
-        "say how many lines are no part of the table with --skip N, or what is between cells with "
-        "--separator"
+        "give the number of lines before the table with --skip N, or the separator of the cells "
+        "with --separator"
     )
 
 
@@ -179,7 +190,7 @@ def _signs(path: Path, text: str, given: Given) -> tuple[str, str]:
     if not ranked:
         problem = "no rows of cells"
         expected = f"a table with {listed(list(_SEPARATORS))} between its cells"
-        hint = "say what is between cells with --separator"
+        hint = "give the separator of the cells with --separator"
         raise ForeignFileError(problem, expected, file=path, hint=hint)
     best = max(ranked, key=lambda candidate: (candidate[0][1], candidate[0][0]))
     rivals = [
@@ -189,8 +200,8 @@ def _signs(path: Path, text: str, given: Given) -> tuple[str, str]:
     ]
     if rivals:
         ways = " or ".join(f"--separator {s} --decimal {d}" for s, d in [best[1], *rivals])
-        problem = "cells that may be taken apart in several ways"
-        raise ForeignFileError(problem, "one way", file=path, hint=f"say {ways}")
+        problem = "cells that can be separated in several ways"
+        raise ForeignFileError(problem, "only one way", file=path, hint=f"give {ways}")
     return best[1]
 
 
@@ -224,20 +235,20 @@ def _spreadsheet(path: Path, sheet: str) -> list[RawRow]:
     """Rows of one sheet, formulas as the values that were last computed."""
     openpyxl = load("openpyxl", "formats")
     read_bounded(path)
-    with _read_errors(path, "a file that is no spreadsheet"):
+    with _read_errors(path, "a file that is not a spreadsheet"):
         with zipfile.ZipFile(path) as archive:
             # Its few bytes may unpack to as many as one likes.
             if sum(entry.file_size for entry in archive.infolist()) > 4 * MOST_BYTES:
                 problem = f"a spreadsheet of more than {4 * MOST_BYTES / 1e6:.0f} MB unpacked"
-                expected = "a table of a few hundred thousand rows"
+                expected = "a table with at most a few hundred thousand rows"
                 raise ForeignFileError(problem, expected, file=path)
         book = openpyxl.load_workbook(path, read_only=True, data_only=True)
     # Sheets are read when they are asked for.
     with closing(book), _read_errors(path, "a damaged spreadsheet"):
         if not sheet and len(book.sheetnames) > 1:
             problem = f"{len(book.sheetnames)} sheets: {listed(book.sheetnames)}"
-            hint = "say which with --sheet NAME"
-            raise ForeignFileError(problem, "one, or the name of one", file=path, hint=hint)
+            hint = "choose it with --sheet NAME"
+            raise ForeignFileError(problem, "one sheet, or the name of one", file=path, hint=hint)
         name = sheet or book.sheetnames[0]
         if name not in book.sheetnames:
             expected = f"one of {listed(book.sheetnames)}"

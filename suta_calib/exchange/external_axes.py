@@ -84,15 +84,15 @@ class ExternalAxes:
             if not unit and name and np.abs(finite).max() <= 360.0:
                 unit = "deg"
                 notes.append(
-                    f"{name} is the external axis {axis} ({extent}); its numbers are taken "
-                    f"as degrees. If they are mm, give {EXTERNAL_UNIT.switch} {axis}=mm."
+                    f"{name} is the external axis {axis} ({extent}). Its numbers are treated as "
+                    f"degrees. If they are mm, give {EXTERNAL_UNIT.switch} {axis}=mm."
                 )
             hint = (
-                f"say {EXTERNAL_UNIT.switch} {axis}=mm, {axis}=deg, or {axis}=unused where it does "
+                f"give {EXTERNAL_UNIT.switch} {axis}=mm, {axis}=deg, or {axis}=unused if it does "
                 "not move the arm"
             )
             if not unit and not required:
-                notes.append(f"The external axis {axis}, {extent}, is left out: {hint}.")
+                notes.append(f"The external axis {axis}, {extent}, is not used: {hint}.")
                 continue
             if not unit:
                 line = self._first(np.nan_to_num(values) != 0.0)
@@ -100,14 +100,16 @@ class ExternalAxes:
                 raise ForeignFileError(problem, "its unit", file=self.path, line=line, hint=hint)
             if len(finite) < len(values):
                 line, expected = self._first(np.isnan(values)), "the same axes in all positions"
-                problem = f"a position without the external axis {axis}, which other positions have"
+                problem = (
+                    f"a position without the external axis {axis}, although other positions have it"
+                )
                 raise ForeignFileError(problem, expected, file=self.path, line=line, hint=hint)
             columns[name or axis] = (from_mm if unit == "mm" else from_deg)(values)
             if not name:
                 notes.append(
                     f"The external axis {axis} moves ({extent} {unit}). Either the arm's URDF "
-                    f"needs a joint {axis}, or the base of the arm stands at several places in "
-                    "these rows."
+                    f"needs a joint {axis}, or the base of the arm is at several places in these "
+                    "rows."
                 )
         return columns, notes
 

@@ -34,11 +34,11 @@ FIRST_POINT: Final = "first"
 ORIGIN: Final = Option(
     "origin",
     "Origin that is subtracted from all positions, for coordinates in a national grid: three "
-    "numbers in m, or first for the first position.",
+    'numbers in m, or "first" for the first position.',
     "x,y,z|first",
 )
 GRID_HINT: Final = (
-    f"coordinates of a grid? say {ORIGIN.switch} first, or {ORIGIN.switch} x,y,z in m"
+    f"if these are coordinates of a grid, give {ORIGIN.switch} first, or {ORIGIN.switch} x,y,z in m"
 )
 
 
@@ -109,8 +109,8 @@ class ImportedRows(Imported):
 
     def __post_init__(self) -> None:
         if not len(self):
-            problem = f"no row in which all was measured ({self.dropped} with something missing)"
-            raise ForeignFileError(problem, "at least one whole row", file=self.source)
+            problem = f"no complete row ({self.dropped} with missing values)"
+            raise ForeignFileError(problem, "at least one complete row", file=self.source)
 
     def __len__(self) -> int:
         return len(next(iter(self.columns.values()), ()))
@@ -119,7 +119,7 @@ class ImportedRows(Imported):
     def sentence(self) -> str:
         """How many rows, of what."""
         rows = "1 row" if len(self) == 1 else f"{len(self)} rows"
-        dropped = f"; {self.dropped} with something missing left out" if self.dropped else ""
+        dropped = f"; {self.dropped} incomplete ones left out" if self.dropped else ""
         return f"{rows}: {listed(list(self.columns), 24)}{dropped}"
 
     def write(self, path: str | Path) -> None:
@@ -235,8 +235,11 @@ def distance_notes(position: FloatArray, unit: str) -> tuple[str, ...]:
     """A question where lengths (n, 3), m, look like another unit."""
     distance = float(np.median(np.linalg.norm(position, axis=1))) if len(position) else 0.0
     if distance > FAR:
-        return (f"Positions some {distance:.0f} m away, with {unit}: are they millimetres?",)
+        return (
+            f"Positions about {distance:.0f} m away, with {unit}: check whether they are "
+            "millimetres.",
+        )
     if 0.0 < distance < NEAR:
         shown = shown_text(distance, "m", with_unit=True)
-        return (f"Positions some {shown} away, with {unit}: are they metres?",)
+        return (f"Positions about {shown} away, with {unit}: check whether they are metres.",)
     return ()

@@ -13,8 +13,10 @@ from suta_calib.arrays import FloatArray
 from suta_calib.exchange.option import Given, Option
 from suta_calib.units import from_deg
 
-COUNTS: Final = Option("counts_per_turn", "Ticks of one turn of an encoder.", "N")
-ZERO: Final = Option("zero", "Reading of a joint that is its zero.", "joint_1=2048,…", several=True)
+COUNTS: Final = Option("counts_per_turn", "Ticks of an encoder per turn.", "N")
+ZERO: Final = Option(
+    "zero", "Reading of a joint at its zero position.", "joint_1=2048,…", several=True
+)
 SIGN: Final = Option("sign", "-1 for a joint that counts backwards.", "joint_1=-1,…", several=True)
 RATIO: Final = Option(
     "ratio", "Turns of the encoder per turn of a joint.", "joint_1=3,…", several=True
@@ -46,7 +48,7 @@ class Readings:
         counts, expected = 0.0, "a whole number, such as 4096"
         if unit == "ticks":
             if COUNTS not in given:
-                raise given.refuse(COUNTS, "ticks, and not how many make a turn", expected)
+                raise given.refuse(COUNTS, "ticks, but not the number of ticks per turn", expected)
             counts = given.whole(COUNTS, "", 1, 10**12, expected)
         sign, ratio = given.numbers(SIGN), given.numbers(RATIO)
         for name, value in sign.items():

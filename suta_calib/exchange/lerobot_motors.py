@@ -12,7 +12,7 @@ from suta_calib.exchange.option import Given, Option
 
 MOTORS: Final = Option(
     "motors",
-    "Joints of the motors that are called otherwise.",
+    "Names of joints for motors, where they differ.",
     "shoulder_pan=joint_1,…",
     several=True,
 )
@@ -30,9 +30,9 @@ def read_motors(path: Path) -> dict[str, dict[str, Any]]:
     data = read_json(path)
     if OLD_NAMES in data:
         problem = f"a calibration with lists by {OLD_NAMES}, as LeRobot wrote it until mid 2025"
-        expected = f"one with {', '.join(KEYS)} of each motor"
+        expected = f"a calibration with {', '.join(KEYS)} of each motor"
         hint = (
-            "its zeros differ from those of today: calibrate the arm again with a current LeRobot"
+            "its zeros differ from the present ones: calibrate the arm again with a current LeRobot"
         )
         raise ForeignFileError(problem, expected, file=path, hint=hint)
     for name, motor in data.items():
@@ -45,8 +45,8 @@ def read_motors(path: Path) -> dict[str, dict[str, Any]]:
         least, most = motor["range_min"], motor["range_max"]
         if least >= most:
             problem = f"a range from {least} to {most}"
-            expected = "range_min less than range_max: the zero is in their middle"
-            hint = "calibrate it again, and move the motor while LeRobot records its range"
+            expected = "range_min less than range_max: the zero is in the middle of the range"
+            hint = "calibrate the motor again, and move it while LeRobot records its range"
             raise ForeignFileError(problem, expected, file=path, where=name, hint=hint)
     return data
 

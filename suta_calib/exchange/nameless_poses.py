@@ -60,19 +60,25 @@ def _position_and_rotation(
     if count == 4:
         fitting = [name for name, k in orders.items() if are_quaternions(numbers[:, k])]
         if not fitting:
-            problem = "seven numbers a row, no four of which, first or last, are a quaternion"
-            hint = "say which columns are what with --columns 1=x,2=y,…"
+            problem = (
+                "seven numbers per row, but neither the first four nor the last four are a "
+                "quaternion"
+            )
+            hint = "name the columns with --columns 1=x,2=y,…"
             raise sheet.refuse(problem, "a position and a quaternion", hint=hint)
-        content = "seven numbers a row, of which the first and the last four may be a quaternion"
+        content = (
+            "seven numbers per row, of which both the first and the last four could be a quaternion"
+        )
         first = settled(sheet, given, FIRST, fitting, content, likeliest=fitting[0])
         content = (
-            "seven numbers a row, a quaternion whose scalar may be its first or its last number"
+            "seven numbers per row with a quaternion whose scalar could be its first or its last "
+            "number"
         )
         choices = ["xyzw", "wxyz"] if first == "position" else ["wxyz", "xyzw"]
         likeliest = quaternion_order(numbers[:, list(orders[first])])
         form = settled(sheet, given, ROTATION, choices, content, likeliest=likeliest)
     else:
-        content = "six numbers a row, of which three are a position and three may be any angles"
+        content = "six numbers per row, three of them a position and three some kind of angles"
         if GUESS in given:
             return _guessed_pose(sheet, numbers, content, given)
         form = settled(sheet, given, ROTATION, OF_THREE, content, likeliest=RPY)
@@ -88,10 +94,10 @@ def _guessed_pose(sheet: Sheet, numbers: FloatArray, content: str, given: Given)
     units = open_units(given, LENGTHS), open_units(given, ANGLES)
     readings = plausible_readings(numbers, firsts, forms, *units) if len(numbers) else []
     if len(readings) != 1:
-        choices = "; ".join(map(str, readings)) or "none for an arm or a tracker"
-        problem = f"{content}; plausible readings: {choices}"
-        expected = "exactly one plausible reading"
-        hint = f"say {FIRST.switch}, {ROTATION.switch} and {UNIT.switch} mm,deg"
+        choices = "; ".join(map(str, readings)) or "none that fits an arm or a tracker"
+        problem = f"{content}; plausible interpretations: {choices}"
+        expected = "exactly one plausible interpretation"
+        hint = f"give {FIRST.switch}, {ROTATION.switch} and {UNIT.switch} mm,deg"
         raise sheet.refuse(problem, expected, hint=hint)
     first, form, length, angle = readings[0]
     for option, value in ((FIRST, first), (ROTATION, form), (UNIT, f"{length},{angle}")):
@@ -125,7 +131,10 @@ def _matrix(sheet: Sheet, numbers: FloatArray, given: Given) -> PoseColumns:
         last = {"rows": (12, 13, 14, 15), "columns": (3, 7, 11, 15)}
         fitting = [n for n in fitting if np.allclose(numbers[:, last[n]], [0, 0, 0, 1], atol=1e-6)]
     if not fitting:
-        problem = f"{4 * width} numbers a row, which are no transform by rows or by columns"
+        problem = (
+            f"{4 * width} numbers per row, which are not a transform, neither by rows nor "
+            "by columns"
+        )
         expected = "a rotation matrix with a position"
         raise sheet.refuse(problem, expected)
     same = {name: numbers[:, arranged[name][0] + arranged[name][1]].tobytes() for name in fitting}
@@ -136,7 +145,9 @@ def _matrix(sheet: Sheet, numbers: FloatArray, given: Given) -> PoseColumns:
     elif ROTATION in given:
         chosen = next((n for n in fitting if n.startswith(given.text(ROTATION))), fitting[0])
     else:
-        content = f"{4 * width} numbers a row, which are a transform as {' and as '.join(fitting)}"
+        content = (
+            f"{4 * width} numbers per row, which are a transform as {' and as '.join(fitting)}"
+        )
         asked = ["columns" if n == "columns" else "rows" for n in fitting]
         ways = list(dict.fromkeys(asked))
         answer = settled(sheet, given, ROTATION, ways, content, likeliest=ways[0])

@@ -109,7 +109,7 @@ class Given:
             if not (name and equals and value):
                 raise self.refuse(option, repr(part), f"parts such as {option.metavar}")
             if name in pairs:
-                raise self.refuse(option, f"{name!r} twice", "each name once")
+                raise self.refuse(option, f"{name!r} twice", "each name only once")
             pairs[name] = value
         return pairs
 

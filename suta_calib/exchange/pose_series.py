@@ -105,7 +105,7 @@ def _check_frames(path: Path, series: Mapping[str, PoseSeries]) -> None:
         lengths = " and ".join(f"{len(of.frames)} {name}" for name, of in series.items())
         everywhere = set.intersection(*(set(of.frames) for of in series.values()))
         lone = [
-            f"{frame} has a pose of {name} alone"
+            f"{frame} has only a pose of {name}"
             for name, of in series.items()
             for frame in of.frames
             if frame not in everywhere
@@ -113,11 +113,11 @@ def _check_frames(path: Path, series: Mapping[str, PoseSeries]) -> None:
         # All of them say nothing: the series are of other numbers altogether.
         where = f" (sample {listed(lone, 3)}; samples count from 0)" if everywhere and lone else ""
         raise ForeignFileError(
-            f"poses of other numbers: {lengths}{where}",
-            "the same numbers in each, so that the poses are pairs",
+            f"different numbers of poses: {lengths}{where}",
+            "the same number of poses in each series, because they are pairs",
             file=path,
-            hint=f"complete or delete such a sample: is a number missing in it, or not finite? Or "
-            f"say {BODY.switch} {next(iter(series))} for one of them",
+            hint="complete or delete this sample; check for missing or infinite numbers. Or choose "
+            f"one series with {BODY.switch} {next(iter(series))}",
         )
 
 
@@ -134,7 +134,7 @@ def _pairs(
     recording = Recording(path, {hand: bodies[hand], target: bodies[target]}, None, unit_text)
     rows = recording.pairs(form)
     taken = (
-        f"{hand} is taken for the hand in the base (a_), {target} for the target in the eye (b_)"
+        f"{hand} is treated as the hand in the base (a_), {target} as the target in the eye (b_)"
     )
     rows = replace(
         rows,
@@ -144,7 +144,7 @@ def _pairs(
     )
     if certain:
         return rows
-    other = f"{taken}: if they are others, take each with {BODY.switch}."
+    other = f"{taken}. If that is wrong, choose each series with {BODY.switch}."
     return replace(rows, notes=(other, *rows.notes))
 
 

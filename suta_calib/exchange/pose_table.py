@@ -33,7 +33,7 @@ def pose_table(path: str | Path, **options: str) -> tuple[CsvTable, tuple[str, .
     known = {option.name for option in reader.options}
     rows = read_foreign(path, reader.name, **{k: v for k, v in options.items() if k in known})
     if not isinstance(rows, ImportedRows):
-        hint = "suta-calib import SOURCE --out FILE writes it"
+        hint = "suta-calib import SOURCE --out FILE converts it"
         raise ForeignFileError(rows.sentence, "poses", file=path, hint=hint)
     table = csv_table(path, rows.text())
     if rows.lines is not None:

@@ -88,16 +88,20 @@ def recognised(path: Path) -> Reader:
     ]
     if len(recognising) > 1:
         names = ", ".join(reader.name for reader in recognising)
-        hint = "say which with --format NAME"
-        raise ForeignFileError(f"what may be {names}", "one format", file=path, hint=hint)
+        hint = "choose it with --format NAME"
+        raise ForeignFileError(
+            f"a file that could be {names}", "only one format", file=path, hint=hint
+        )
     if not recognising and is_folder(path):
         problem = "a folder of an unknown format"
-        hint = "suta-calib import --list names them"
-        raise ForeignFileError(problem, "a file, or a recording's folder", file=path, hint=hint)
+        hint = "suta-calib import --list shows the formats"
+        raise ForeignFileError(
+            problem, "a file, or the folder of a recording", file=path, hint=hint
+        )
     if not recognising and path.suffix.lower() in _NO_TABLES:
         problem = f"a {path.suffix.lower()} file of an unknown format"
-        expected = "a table, or a file of one of the formats"
-        hint = "suta-calib import --list names them; cameras, boards and arms need no import"
+        expected = "a table, or a file in one of the formats"
+        hint = "suta-calib import --list shows the formats; cameras, boards and arms need no import"
         raise ForeignFileError(problem, expected, file=path, hint=hint)
     return recognising[0] if recognising else readers[TABLE]
 
@@ -109,7 +113,7 @@ def _refuse_pipe(path: Path) -> None:
     except (OSError, ValueError):
         return
     if stat.S_ISFIFO(mode) or stat.S_ISSOCK(mode):
-        hint = "write it into a file first"
+        hint = "write the data into a file first"
         raise ForeignFileError("a pipe", "a file", file=path, hint=hint)
 
 
@@ -132,6 +136,6 @@ def beginning(path: Path) -> str:
         reason = getattr(problem, "strerror", None) or str(problem)
         gone = isinstance(problem, FileNotFoundError)
         description = "no such file" if gone else f"an unreadable file ({reason})"
-        raise ForeignFileError(description, "a file that can be read", file=path) from None
+        raise ForeignFileError(description, "a readable file", file=path) from None
     utf_16 = data.startswith((b"\xff\xfe", b"\xfe\xff"))
     return data.decode("utf-16" if utf_16 else "utf-8-sig", errors="replace")

@@ -19,7 +19,9 @@ from suta_calib.exchange.option import Given, Option
 from suta_calib.exchange.tracked_bodies import Body
 from suta_calib.measurements.csv_table import number_in
 
-SECONDS: Final = Option("seconds", "How long a rest is at least, s; it is averaged.", "N")
+SECONDS: Final = Option(
+    "seconds", "Shortest duration of a rest, in s; the readings of a rest are averaged.", "N"
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,9 +64,9 @@ def found_rests(
             if isinstance(event, Complete):
                 rests.append(Rest(event.average.angles, at - event.average.seconds, at))
     if not rests:
-        problem = f"{len(time)} readings in {np.ptp(time):.1f} s, and no rest of {seconds:g} s"
-        expected = "an arm that stands still at every pose"
-        hint = f"a shorter one is found with {SECONDS.switch} N"
+        problem = f"{len(time)} readings in {np.ptp(time):.1f} s, but no rest of {seconds:g} s"
+        expected = "an arm that rests at every pose"
+        hint = f"to find shorter rests, give {SECONDS.switch} N"
         raise ForeignFileError(problem, expected, file=path, hint=hint)
     return rests
 
@@ -90,8 +92,8 @@ def imported_rests(
         if each is not None:
             usable = [k for k in usable if each[k] is not None]
             if not usable:
-                problem = f"{len(rests)} rests, and no {what} during any of them"
-                raise ForeignFileError(problem, f"{what}s by the same clock", file=path)
+                problem = f"{len(rests)} rests, but no {what} during any of them"
+                raise ForeignFileError(problem, f"{what}s with times of the same clock", file=path)
     if tracked is not None:
         bodies = [mean for k in usable if (mean := means[k]) is not None]
         position = np.array([body.position[0] for body in bodies])
@@ -112,7 +114,7 @@ def imported_rests(
             "time": np.array([rests[k].end for k in usable]),
         },
         dropped=len(rests) - len(usable),
-        remarks=("Each row is the mean over a rest.",),
+        remarks=("Each row is the mean of a rest.",),
         pictures=files,
     )
 

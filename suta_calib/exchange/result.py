@@ -132,7 +132,7 @@ class Result(Displayable):
     def need_arm(self, form: str) -> CalibratedArm:
         """The arm, for a format that is nothing without one."""
         if self.arm is None:
-            problem = f"no calibrated arm, which {form} is a format of"
+            problem = f"no calibrated arm, which the format {form} needs"
             raise InputError(problem, "the result of suta-calib calibrate", file=self.path)
         return self.arm
 
@@ -144,8 +144,8 @@ class Result(Displayable):
     def need_transforms(self, form: str) -> tuple[Transform, ...]:
         """`every_transform`, at least one, for a format of poses."""
         if not self.every_transform:
-            problem = f"no pose of a tool, camera or instrument, which {form} is a format of"
-            raise InputError(problem, "a result that holds one", file=self.path)
+            problem = f"no pose of a tool, camera or instrument, which the format {form} needs"
+            raise InputError(problem, "a result with such a pose", file=self.path)
         return self.every_transform
 
 
@@ -177,12 +177,12 @@ def read_result(
     if "parameters" not in data:
         transforms = tuple(_closed(data, path))
         if not transforms:
-            expected = "the answer of calibrate, hand-eye, pivot or register"
-            raise InputError("no answer that can be exported", expected, file=path)
+            expected = "the result of calibrate, hand-eye, pivot or register"
+            raise InputError("a result that cannot be exported", expected, file=path)
         return Result(path, None, transforms, None, data)
     job = None
     if urdf is None:
-        origin = made_from(data, path, "the nominal arm with --urdf and --tip")
+        origin = made_from(data, path, "the nominal arm, given with --urdf and --tip")
         if origin.lacking:
             # The arm needs no samples, which were too large to be copied.
             arm_of_job = read_arm(YamlSection(read_yaml(origin.path, JobError), JobError))
@@ -236,7 +236,7 @@ def _pose(value: object, path: Path, where: str) -> FloatArray:
     matrix = numbers(value, (4, 4), path, where)
     if not (is_rotation(matrix[None, :3, :3]) and np.array_equal(matrix[3], [0, 0, 0, 1])):
         expected = "a rotation matrix and a position above 0, 0, 0, 1"
-        raise InputError("numbers that are no pose", expected, file=path, where=where)
+        raise InputError("numbers that are not a pose", expected, file=path, where=where)
     return matrix
 
 

@@ -24,9 +24,11 @@ from suta_calib.measurements.files import lines_of
 from suta_calib.units import from_deg, from_mm
 from suta_calib.words import listed
 
-WHAT: Final = Option("what", "Which positions, where there are both.", choices=("joints", "poses"))
+WHAT: Final = Option(
+    "what", "Kind of positions to read, if there are both.", choices=("joints", "poses")
+)
 NAMES: Final = Option(
-    "joint_names", "What the joints are called, in their order.", "joint_1,…", several=True
+    "joint_names", "Names of the joints, in their order.", "joint_1,…", several=True
 )
 # A number as all of these languages write it; one way only, or long ones would take for ever.
 NUMBER: Final = r"[+-]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][+-]?\d+)?"
@@ -90,12 +92,12 @@ class ProgramReader(Reader):
         what = given.text(WHAT)
         if not what and len(there) > 1:
             counts = " and ".join(f"{len(by_kind[kind].lines)} {kind}" for kind in there)
-            hint = f"say which with {WHAT.switch} joints or {WHAT.switch} poses"
-            raise ForeignFileError(counts, "one of them", file=path, hint=hint)
+            hint = f"choose with {WHAT.switch} joints or {WHAT.switch} poses"
+            raise ForeignFileError(counts, "only one of them", file=path, hint=hint)
         what = what or next(iter(there), "")
         if what not in there:
             problem = f"no {what or 'positions'}"
-            raise ForeignFileError(problem, f"positions as {self.summary} has them", file=path)
+            raise ForeignFileError(problem, f"positions in {self.summary}", file=path)
         ends = self.comment, self.opening, self.closing, self.last_word or self.closing
         check_end_of_program(path, text, given, *ends)
         lines, labels, numbers, external = by_kind[what]

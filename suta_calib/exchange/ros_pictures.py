@@ -69,7 +69,7 @@ def _pixels(path: Path, topic: str, message: Any) -> NDArray[Any]:
     most_pixels = 400_000_000
     if not (0 < row <= step and 0 < height * width <= most_pixels and len(data) >= height * step):
         problem = f"a picture of {topic} of {width} x {height} in {len(data)} bytes, {step} a row"
-        raise ForeignFileError(problem, "as many bytes as its size says", file=path)
+        raise ForeignFileError(problem, "the number of bytes that belongs to its size", file=path)
     rows = np.ascontiguousarray(data[: height * step].reshape(height, step)[:, :row])
     pixels = rows.view(dtype).astype(np.dtype(kind), copy=False)
     return pixels if channels == 1 else pixels.reshape(height, width, channels)
@@ -120,7 +120,7 @@ def camera_of(message: Any) -> tuple[Camera | None, str]:
     if message.distortion_model not in (PLUMB_BOB, "") or not len(distortion) <= 5:
         return None, f"its distortion model is {message.distortion_model}, not {PLUMB_BOB}"
     if not np.isfinite(distortion).all():
-        return None, "its distortion is no number"
+        return None, "its distortion is not a number"
     coefficients = np.zeros(5)
     coefficients[: len(distortion)] = distortion
     intrinsics = np.array([fx, fy, matrix[2], matrix[5], *coefficients])

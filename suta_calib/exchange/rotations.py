@@ -41,7 +41,7 @@ def rotations_from(form: str, numbers: FloatArray, path: Path, lines: Sequence[i
     """
     if numbers.shape[1] != NUMBERS[form]:
         problem = f"{numbers.shape[1]} columns of a rotation"
-        raise ForeignFileError(problem, f"{NUMBERS[form]}, as {form} has", file=path)
+        raise ForeignFileError(problem, f"{NUMBERS[form]} columns, as for {form}", file=path)
     matrices = np.full((len(numbers), 3, 3), np.nan)
     complete = np.flatnonzero(np.isfinite(numbers).all(axis=1))
     if not len(complete):
@@ -50,18 +50,18 @@ def rotations_from(form: str, numbers: FloatArray, path: Path, lines: Sequence[i
 
     def check(right: BoolArray, problem: str, expected: str) -> None:
         for row in np.flatnonzero(~right)[:1]:
-            line, hint = lines[int(complete[row])], "say what they are with --rotation"
+            line, hint = lines[int(complete[row])], "give their kind with --rotation"
             raise ForeignFileError(problem, expected, file=path, line=line, hint=hint)
 
     if form in ("xyzw", "wxyz"):
         quaternion = values if form == "xyzw" else np.roll(values, -1, axis=1)
-        check(_are_unit(quaternion), "four numbers that are no quaternion", "length 1")
+        check(_are_unit(quaternion), "four numbers that are not a quaternion", "length 1")
         matrices[complete] = rotation_from_quaternion(quaternion)
     elif form in ("rows", "columns"):
         matrix = values.reshape(-1, 3, 3)
         matrix = matrix if form == "rows" else matrix.swapaxes(1, 2)
-        problem = "nine numbers that are no rotation matrix"
-        check(_error(matrix) < _ROUNDED, problem, "orthonormal, right-handed")
+        problem = "nine numbers that are not a rotation matrix"
+        check(_error(matrix) < _ROUNDED, problem, "an orthonormal, right-handed matrix")
         # The nearest rotation: what a few written decimals leave of one is not orthonormal.
         left, _, right = np.linalg.svd(matrix)
         matrices[complete] = left @ right

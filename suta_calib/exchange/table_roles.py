@@ -25,21 +25,22 @@ from suta_calib.measurements.csv_table import SIGMAS
 
 ROTATION: Final = Option(
     "rotation",
-    "What orientations are: a quaternion (xyzw, wxyz), a rotation vector, a matrix (rows, "
-    "columns), or Euler angles in an order as SciPy has it: xyz about fixed axes, XYZ about own.",
+    "Kind of orientations: a quaternion (xyzw, wxyz), a rotation vector, a matrix (rows, "
+    "columns), or Euler angles in the order of SciPy: xyz about fixed axes, XYZ about moving "
+    "axes.",
     choices=tuple(NUMBERS),
 )
 FIRST: Final = Option(
     "first",
-    "What stands first in a row of numbers without names.",
+    "What is first in a row of numbers without names.",
     choices=("position", "rotation"),
 )
 GUESS: Final = Option(
-    "guess", "Take the likeliest where a file leaves a choice, and say what was taken.", flag=True
+    "guess", "Use the likeliest interpretation if there are several, and show it.", flag=True
 )
 UNIT: Final = Option(
     "unit",
-    "Of lengths (m, mm) and of joint readings and Euler angles (rad, deg, ticks).",
+    "Unit of lengths (m, mm), or of joint readings and Euler angles (rad, deg, ticks).",
     choices=("m", "mm", "rad", "deg", "ticks"),
     several=True,
 )
@@ -140,13 +141,15 @@ def named_poses(sheet: Sheet, names: Sequence[str], given: Given) -> list[PoseCo
             continue
         if any(prefix == pose.prefix for pose in poses):
             earlier = [names[k] for pose in poses if pose.prefix == prefix for k in pose.position]
-            raise _refused(sheet, f"{', '.join(earlier)} and {', '.join(triple)}, both a position")
+            raise _refused(
+                sheet, f"{', '.join(earlier)} and {', '.join(triple)}, which are both a position"
+            )
         position, unit = _numbers(sheet, plain, triple)
         rotation, angle, form = _named_rotation(sheet, plain, prefix, given)
         poses.append(PoseColumns(prefix, position, rotation, form, unit, angle))
         for column in (*position, *rotation):
             if (bare := plain_name(names[column])[0].lower()) in twice:
-                raise _refused(sheet, f"several columns of {bare!r}, in units of their own")
+                raise _refused(sheet, f"several columns of {bare!r} in different units")
     return poses
 
 
@@ -180,8 +183,8 @@ def _numbers(
 
 def _refused(sheet: Sheet, problem: str) -> ForeignFileError:
     """Error about names that contradict each other, to be raised by the caller."""
-    expected = "each number of a pose once, all of a kind in one unit"
-    hint = "name the columns that are meant with --columns 1=x,2=qx,…, and others by other names"
+    expected = "each number of a pose only once, and all of one kind in the same unit"
+    hint = "name the right columns with --columns 1=x,2=qx,…, and give the others different names"
     return sheet.refuse(problem, expected, hint=hint)
 
 
@@ -197,7 +200,9 @@ def _named_rotation(
         columns, angle = _numbers(sheet, plain, present)
         if form:
             return columns, angle, form
-        content = f"orientations in columns {', '.join(present)}, which may be any of many angles"
+        content = (
+            f"orientations in columns {', '.join(present)}, which could be several kinds of angles"
+        )
         if GUESS in given and ROTATION not in given:
             form, angle = _guessed_angles(sheet, columns, angle, names, given)
             given.note_guess(ROTATION, form, content)
@@ -208,7 +213,8 @@ def _named_rotation(
         if not all(name in plain for name in present) or not _is_quaternion(sheet, plain, present):
             continue
         content = (
-            f"a quaternion in columns {', '.join(present)}, whose scalar may be the first or last"
+            f"a quaternion in columns {', '.join(present)}, whose scalar could be the first or "
+            "the last"
         )
         columns, angle = _numbers(sheet, plain, present)
         likeliest = quaternion_order(_whole_rows(sheet.numbers(columns)))
@@ -218,7 +224,7 @@ def _named_rotation(
         gone = [prefix + name for name in names if prefix + name not in plain]
         if len(gone) == 1:
             there = ", ".join(prefix + name for name in names if prefix + name in plain)
-            problem = f"columns {there} and no {gone[0]}"
+            problem = f"columns {there}, but no {gone[0]}"
             expected = "all four numbers of a quaternion, or none"
             hint = f"name it with --columns NAME={gone[0]}"
             raise sheet.refuse(problem, expected, hint=hint)
@@ -241,9 +247,9 @@ def _guessed_angles(
     if len(readings) == 1:
         return readings[0]
     choices = " or ".join(f"{form} in {angle}" for form, angle in readings)
-    problem = f"columns {', '.join(names)}, which may be {choices or 'no angles of a usual form'}"
-    expected = "one form that their numbers allow"
-    hint = f"say {ROTATION.switch} vector or an order of Euler angles, and {UNIT.switch} rad|deg"
+    problem = f"columns {', '.join(names)}, which could be {choices or 'no angles of a usual form'}"
+    expected = "only one kind that fits their numbers"
+    hint = f"give {ROTATION.switch} vector or an order of Euler angles, and {UNIT.switch} rad|deg"
     raise sheet.refuse(problem, expected, hint=hint)
 
 
@@ -252,7 +258,7 @@ def guessed_length(sheet: Sheet, position: FloatArray, given: Given) -> str:
     finite = _whole_rows(position)
     if not len(finite):
         return "m"
-    described = f"positions some {float(np.median(np.linalg.norm(finite, axis=1))):.4g} away"
+    described = f"positions about {float(np.median(np.linalg.norm(finite, axis=1))):.4g} away"
     unit = next(iter(plausible_lengths(finite, LENGTHS)), "")
     if not unit:
         raise _no_guess(sheet, f"{described}, in m or mm", "m|mm")
@@ -275,8 +281,8 @@ def guessed_angle(sheet: Sheet, form: str, numbers: FloatArray, given: Given) ->
 
 
 def _no_guess(sheet: Sheet, problem: str, choices: str) -> ForeignFileError:
-    hint = f"say {UNIT.switch} {choices}"
-    return sheet.refuse(problem, "numbers that allow a guess", hint=hint)
+    hint = f"give {UNIT.switch} {choices}"
+    return sheet.refuse(problem, "numbers that allow only one unit", hint=hint)
 
 
 def open_units(given: Given, units: Sequence[str], stated: str = "") -> Sequence[str]:
@@ -310,7 +316,7 @@ def settled(
         chosen = given.text(option)
         if chosen not in choices:
             raise ForeignFileError(
-                f"{content}, read as {chosen}", " or ".join(choices), file=sheet.path
+                f"{content}, interpreted as {chosen}", " or ".join(choices), file=sheet.path
             )
         return chosen
     if len(choices) == 1:
@@ -319,6 +325,6 @@ def settled(
         given.note_guess(option, likeliest, content)
         return likeliest
     shown = choices if len(choices) <= 8 else (*choices[:8], "…")
-    expected = "that it be said which"
-    hint = f"say {option.switch} {'|'.join(shown)}" + (", or --guess" if likeliest else "")
+    expected = "the kind to be given"
+    hint = f"give {option.switch} {'|'.join(shown)}" + (", or --guess" if likeliest else "")
     raise sheet.refuse(content, expected, hint=hint)

@@ -25,16 +25,22 @@ from suta_calib.words import listed
 
 BODY: Final = Option(
     "body",
-    "Which of the bodies or markers; a glob may name several, told apart in a column target.",
+    "Name of the body or marker; a glob may select several, which get a column target.",
     "NAME",
 )
 REFERENCE: Final = Option(
     "reference",
-    "Body that the pose is told relative to, row by row; for tables also a second file.",
+    "Body in whose frame the pose is given, row by row; for tables also a second file.",
     "NAME|FILE",
 )
-PREFIX: Final = Option("prefix", "In front of the pose's columns: a_ or b_ for hand-eye.", "TEXT")
-INVERT: Final = Option("invert", "The poses are those of the instrument in the tool.", flag=True)
+PREFIX: Final = Option(
+    "prefix", "Prefix of the columns of the pose: a_ or b_ for hand-eye.", "TEXT"
+)
+INVERT: Final = Option(
+    "invert",
+    "Invert the poses: they are those of the instrument in the frame of the tool.",
+    flag=True,
+)
 BODY_OPTIONS: Final = (BODY, REFERENCE, PREFIX, INVERT)
 # In front of the columns of poses of hand-eye files, which stand side by side.
 PAIR: Final = ("a_", "b_")
@@ -106,7 +112,7 @@ class Recording:
         reference = self._one(given.text(REFERENCE)) if REFERENCE in given else None
         names = [name for name in self._chosen(given.text(BODY), reference) if name != reference]
         if not names:
-            problem = f"{reference!r}, the body itself"
+            problem = f"{reference!r}, which is the body itself"
             raise given.refuse(REFERENCE, problem, "another body than --body")
         prefix, parts, dropped = given.text(PREFIX, prefix), list[dict[str, NDArray[Any]]](), 0
         for name in names:
@@ -117,7 +123,7 @@ class Recording:
                 body = body.relative_to(frame)
             body = body.take(observed)
             if INVERT in given:
-                self._posed(name, "what is inverted")
+                self._posed(name, "the body to invert")
                 body = body.inverse()
             columns = {} if self.time is None else {"time": self.time[observed]}
             columns |= {column: values[observed] for column, values in self.beside.items()}
@@ -135,7 +141,7 @@ class Recording:
             columns=together,
             dropped=dropped,
             notes=distance_notes(position, f"lengths {self.unit}"),
-            remarks=(f"The pose of {of}; lengths are {self.unit}.",),
+            remarks=(f"Pose of {of}; lengths are {self.unit}.",),
         )
 
     def pairs(self, form: str) -> ImportedRows:
@@ -158,16 +164,16 @@ class Recording:
             if len(bodies) > 1:
                 raise ForeignFileError(
                     f"{len(self.bodies)} bodies or markers: {listed(list(self.bodies))}",
-                    "one, or the name of those that are meant",
+                    "one body, or the name of the bodies to read",
                     file=self.path,
-                    hint="say which with --body NAME, and --reference NAME for what it is seen "
-                    "relative to",
+                    hint="choose it with --body NAME, and with --reference NAME the body in "
+                    "whose frame it is given",
                 )
             return bodies or list(self.bodies)
         names = [name for name in self.bodies if fnmatchcase(name, pattern)]
         names = names or [self._one(pattern)]
         if len({self.bodies[name].rotation is None for name in names}) > 1:
-            problem = f"bodies and markers of the name {pattern!r}"
+            problem = f"both bodies and markers with the name {pattern!r}"
             raise ForeignFileError(problem, "either", file=self.path, where=BODY.switch)
         return names
 
@@ -204,7 +210,7 @@ class InstrumentReader(Reader):
         check_end_of_rows(path, text, separator, given)
         rows = rows_of_text(path, text, separator)
         if not rows:
-            raise self.strange(path, "nothing but comments", "frames")
+            raise self.strange(path, "only comments", "frames")
         return self.recording(path, rows, given).imported(self.name, given)
 
     def separator_of(self, text: str) -> str:
@@ -220,7 +226,7 @@ class InstrumentReader(Reader):
         self, path: Path, problem: str, expected: str, line: int | None = None
     ) -> Exception:
         """Error that a file is not what it seems, to be raised by the caller."""
-        hint = f"is it {self.summary}? another --format, or table, may fit"
+        hint = f"check that the file is {self.summary}; another --format, or table, may fit"
         return ForeignFileError(problem, expected, file=path, line=line, hint=hint)
 
 

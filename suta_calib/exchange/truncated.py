@@ -20,7 +20,7 @@ from suta_calib.measurements.csv_table import number_in
 from suta_calib.measurements.files import lines_of
 
 COMPLETE: Final = Option(
-    "whole", "The file is complete, although its end looks cut off.", flag=True
+    "whole", "The file is complete, although its end looks incomplete.", flag=True
 )
 _FIXED: Final = re.compile(r"[+-]?\d*[.,](\d+)((?:[eE][+-]\d+)?)", re.ASCII)
 _NUMBER: Final = re.compile(r"[+-]?[\d.,]+([eE][+-]?\d+)?", re.ASCII)
@@ -48,8 +48,8 @@ def check_end_of_rows(
     if line.lstrip().startswith(("#", "%")) or not (line.strip() or indented):
         return
     if not line.strip():
-        problem = "spaces at the end of the file, where a row begins"
-        raise cut_off(path, len(lines_of(tail)), problem, "a complete row, or nothing")
+        problem = "spaces at the end of the file, where a row should begin"
+        raise cut_off(path, len(lines_of(tail)), problem, "a complete row, or the end of the file")
     *above, last = rows_of_text(path, tail, separator)
     width = len(last.cells)
     same_width = takewhile(lambda row: len(row.cells) == width, reversed(above))
@@ -61,7 +61,7 @@ def check_end_of_rows(
     blanks = before.rstrip("\r\n").endswith(" ") <= line.endswith(" ")
     if blanks and _is_complete(line, separator, last.cells, earlier, fixed_width=fixed_width):
         return
-    expected = "a line break after it, as in all other lines"
+    expected = "a line break after it, as after all other lines"
     raise _open_end(path, last.line, last.cells[-1], expected)
 
 
@@ -149,7 +149,7 @@ def check_last_line(path: Path, text: str, given: Given) -> None:
 def check_count(path: Path, count: int, stated: float, what: str, given: Given) -> None:
     """Refuse fewer rows than the file says that it has."""
     if COMPLETE not in given and count < stated:
-        raise cut_off(path, None, f"{count} {what}", f"{stated:.0f}, as the file says")
+        raise cut_off(path, None, f"{count} {what}", f"{stated:.0f}, as the file states")
 
 
 def _open_end(path: Path, line: int, last: str, expected: str) -> ForeignFileError:
@@ -160,8 +160,8 @@ def _open_end(path: Path, line: int, last: str, expected: str) -> ForeignFileErr
 def cut_off(path: Path, line: int | None, problem: str, expected: str) -> ForeignFileError:
     """Error that a file seems cut off, to be raised by the caller."""
     hint = (
-        "was the file cut off while it was written or copied? If nothing is missing, "
-        f"give {COMPLETE.switch}"
+        "check whether the file was cut off while it was written or copied. If nothing is "
+        f"missing, give {COMPLETE.switch}"
     )
     if line is not None:
         hint += ", or add a line break at its end"

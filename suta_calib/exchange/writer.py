@@ -87,14 +87,17 @@ class Exported(Displayable):
         """Care where values are lost, or the result must not be used; then it was insisted on."""
         care = []
         if not self.result.usable:
-            care.append("The result says of itself that it must not be used.")
+            care.append("The verdict of this result is bad: do not use it.")
         if self.lost:
             names = listed(list(self.lost))
-            care.append(f"{self.form} cannot hold {names}: without it the arm is another.")
+            care.append(
+                f"{self.form} cannot contain {names}. Without these values the arm is a "
+                "different one."
+            )
         care.extend(self.care)
         facts = list(self.notes)
         if "covariance" in self.left_out:
-            facts.append(f"{self.form} has no place for the covariance.")
+            facts.append(f"{self.form} cannot contain the covariance.")
         return Assessment.of(f"exported as {self.form}", care=care, facts=facts)
 
     def write(self, path: str | Path) -> list[Path]:

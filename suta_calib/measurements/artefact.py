@@ -49,16 +49,16 @@ class Landmark(Displayable):
 
     name: str
     position: FloatArray = keyed(
-        XYZ_MM, "Where the tip's origin is when it is seated there, in the artefact's frame."
+        XYZ_MM, "Position of the tip's origin when it is seated there, in the artefact's frame."
     )
     rotation: FloatArray | None = keyed(
         RPY_DEG,
-        "The tip frame's orientation in the artefact when seated, as in a URDF; without it kinds "
-        "that could use it look at positions alone.",
+        "Orientation of the seated tip's frame in the artefact, as in a URDF; without it, only "
+        "positions are used.",
         None,
         "rotation_rpy_deg",
     )
-    sigma: float = keyed(LENGTH_OR_0, "Standard deviation of each coordinate; 0 without it.", 0.0)
+    sigma: float = keyed(LENGTH_OR_0, "Standard deviation of each coordinate; default 0.", 0.0)
 
     def __post_init__(self) -> None:
         where = f"landmark {self.name}"
@@ -101,7 +101,9 @@ class Artefact:
         if not self.landmarks:
             raise ArtefactError("no landmarks", "at least one", where=where)
         if pair := coincident_landmarks(self.landmarks.values()):
-            raise ArtefactError(f"{pair[0]!r} and {pair[1]!r} in the same place", "distinct places")
+            raise ArtefactError(
+                f"{pair[0]!r} and {pair[1]!r} at the same place", "different places"
+            )
 
     def __repr__(self) -> str:
         return f"<Artefact: {self.name}, {len(self.landmarks)} landmarks>"
@@ -151,19 +153,18 @@ class Artefact:
 
 
 ARTEFACT_KEYS: Final = Fields(
-    Field("name", TEXT, "What it is called; the file's name without it."),
+    Field("name", TEXT, "Name of the artefact; default: the name of the file."),
     *BODY_KEYS,
     Field(
         "twist",
         choice(("ccw", "cw"), "ccw or cw"),
         "Direction in which the plug is turned in its socket until it stops, seen from above "
-        "(against the artefact's z axis). measure asks for this turn, and checks that it was "
-        "made.",
+        "(against the artefact's z axis). The command measure asks for this turn and checks it.",
     ),
     Field(
         "landmarks",
         Value("by name", inside=fields_of(Landmark)),
-        "The places that the tip can be brought to, named as in the samples' column landmark.",
+        "The places that the tip can touch, with the names in the samples' column landmark.",
         required=True,
     ),
 )
@@ -195,7 +196,7 @@ def read_artefact(path: str | Path) -> Artefact:
     listed = top.section("landmarks")
     landmarks = {key.strip(): _landmark(key.strip(), listed.section(key)) for key in listed.data}
     if "" in landmarks or len(landmarks) < len(listed.data):
-        raise listed.refuse("an empty or repeated name", "each landmark's name once")
+        raise listed.refuse("an empty or repeated name", "each landmark's name only once")
     if pair := coincident_landmarks(landmarks.values()):
         raise listed.refuse(
             f"the same position as that of {pair[0]!r}",
@@ -206,7 +207,7 @@ def read_artefact(path: str | Path) -> Artefact:
     # An artefact spans more: its file must be in metres.
     if len(landmarks) > 1 and span < 1e-3:
         raise listed.refuse(
-            f"landmarks that lie within {mm(span):.3g} mm of one another",
+            f"all landmarks within {mm(span):.3g} mm of one another",
             "positions in mm; these look like metres",
         )
     stretch = read_stretch(top, values.get("scale"))
@@ -215,7 +216,7 @@ def read_artefact(path: str | Path) -> Artefact:
 
 def _landmark(name: str, section: YamlSection) -> Landmark:
     if "position" in section:
-        raise section.refuse("a position without a unit", "position_mm", at=("position",))
+        raise section.refuse("a position without its unit", "position_mm", at=("position",))
     landmark = read_as(Landmark, section, name=name)
     for array in (landmark.rotation, landmark.position):
         if array is not None:

@@ -384,7 +384,7 @@ def read_board(path: str | Path) -> Board:
 
 def _marker(listed: YamlSection, key: str) -> tuple[int, Marker]:
     if not key.isdecimal() or str(int(key)) != key or int(key) > _MOST_POINTS:
-        expected = "the marker's number in its dictionary, from 0"
+        expected = "the number of the marker in its dictionary, from 0"
         raise listed.refuse(repr(key), expected, at=(key,))
     return int(key), read_as(Marker, listed.section(key))
 
@@ -404,7 +404,7 @@ def _counts(name: str, least: int, what: str) -> Field:
     return Field(name, Value("columns, rows", read), f"Numbers of {what}.", required=True)
 
 
-_TYPE: Final = Field("type", TEXT, "Which sort of board it is.", required=True)
+_TYPE: Final = Field("type", TEXT, "Kind of board.", required=True)
 _SQUARE: Final = Field("square_mm", LENGTH, "Edge of a square.", required=True)
 _DICTIONARY: Final = Field(
     "dictionary",
@@ -426,9 +426,9 @@ BOARD_KEYS: Final = {
         Field(
             "markers",
             Value("by number", inside=fields_of(Marker)),
-            "The markers by their number in the dictionary, each where its middle is on the board. "
-            "A marker's own axes are right, down and into it: where y of these places is up, give "
-            "each `rotation_rpy_deg: [180, 0, 0]`.",
+            "The markers by their number in the dictionary, each with the position of its centre "
+            "on the board. The axes of a marker point right, down and into the board. If y of "
+            "these positions points up, give each marker `rotation_rpy_deg: [180, 0, 0]`.",
             required=True,
         ),
         *BODY_KEYS,

@@ -26,29 +26,31 @@ _PIXELS: Final = replace(whole_number(2, 1_000_000), takes="px")
 _MAPPING: Final = Value("mapping")
 CAMERA_KEYS: Final = Fields(
     Field("image_width", _PIXELS, "Width of the pictures.", required=True, given_attribute="width"),
-    Field("image_height", _PIXELS, "Their height.", required=True, given_attribute="height"),
+    Field(
+        "image_height", _PIXELS, "Height of the pictures.", required=True, given_attribute="height"
+    ),
     Field(
         "camera_matrix",
         _MAPPING,
-        "data: fx 0 cx 0 fy cy 0 0 1 in px, row by row; the first pixel's centre is 0, 0.",
+        "data: fx 0 cx 0 fy cy 0 0 1 in px, row by row; the centre of the first pixel is 0, 0.",
         required=True,
     ),
     Field("distortion_coefficients", _MAPPING, "data: k1 k2 p1 p2 k3.", required=True),
     Field(
         "distortion_model",
         Value("text"),
-        f"{PLUMB_BOB}, also called radtan: the only one here and the default.",
+        f"{PLUMB_BOB}, also called radtan: the only supported model and the default.",
     ),
     Field(
         "covariance",
         _MAPPING,
-        "data: 81 numbers, row by row, of fx fy cx cy k1 k2 p1 p2 k3: how well they are known.",
+        "data: 81 numbers, row by row, the covariance of fx fy cx cy k1 k2 p1 p2 k3.",
     ),
     Field(
         _CORNERS,
         TEXT,
-        "Of which corners.csv it was calibrated, as `detect` writes it: the same corners are not "
-        "counted again as what is known of the camera.",
+        "Checksum of the corners.csv that the camera was calibrated with, as `detect` writes it, "
+        "so that the same corners are not counted twice.",
         given_attribute="corners",
     ),
 )
@@ -126,7 +128,7 @@ def read_camera(path: str | Path) -> Camera:
     top = YamlSection(camera_document(Path(path)), CameraError)
     for key in CAMERA_KEYS.required:
         if key not in top:
-            hint = "a camera.yaml as camera_calibration of ROS, or `detect --camera-out`, writes it"
+            hint = "use a camera.yaml from camera_calibration of ROS, or from `detect --camera-out`"
             raise top.refuse("no such key", "a value: this key is required", at=(key,), hint=hint)
     plumb_bob(top)
     values = CAMERA_KEYS.values(top)
@@ -152,7 +154,7 @@ def _matrix(top: YamlSection, width: int, height: int) -> list[float]:
                 f"{name} = {focal:g} px for a picture {width} px wide",
                 f"{least:g} to {most:g} px",
                 at=("data",),
-                hint="the focal length is in pixels of this picture",
+                hint="the focal length must be in pixels of this picture",
             )
     for name, centre, size in (("cx", cx, width), ("cy", cy, height)):
         if not 0.0 <= centre <= size:
@@ -160,7 +162,8 @@ def _matrix(top: YamlSection, width: int, height: int) -> list[float]:
                 f"{name} = {centre:g} px for a picture of {width} x {height} px",
                 f"a principal point in the picture: 0 to {size} px",
                 at=("data",),
-                hint="image_width and image_height are those of the pictures it was calibrated on",
+                hint="image_width and image_height must be those of the pictures used for the "
+                "calibration",
             )
     return [fx, fy, cx, cy]
 
@@ -195,7 +198,7 @@ def _covariance(top: YamlSection) -> FloatArray | None:
     # A negative variance of such a share of the largest is rounding.
     if not np.allclose(unit, unit.T) or np.linalg.eigvalsh((unit + unit.T) / 2)[0] < -1e-9:
         raise section.refuse(
-            "a matrix that is no covariance",
+            "a matrix that is not a covariance",
             f"81 numbers, row by row, in the order {', '.join(INTRINSICS)}",
             at=("data",),
         )

@@ -71,13 +71,13 @@ def _of_message(document: YamlDocument) -> YamlDocument:
         if document.data.get(key, 0) not in (0, 1):
             raise top.refuse(
                 f"pictures binned by {document.data[key]}",
-                "whole pictures: the message is of these",
+                "pictures that are not binned",
                 at=(key,),
             )
     region = document.data.get("roi")
     offset = region if isinstance(region, dict) else {}
     if any(offset.get(key) for key in ("x_offset", "y_offset")):
-        raise top.refuse("a part of the picture", "whole pictures", at=("roi",))
+        raise top.refuse("only a part of the picture", "whole pictures", at=("roi",))
     return _renamed(document, _OF_MESSAGE)
 
 
@@ -89,12 +89,12 @@ def _of_kalibr(document: YamlDocument, chain: list[str]) -> YamlDocument:
             f"{len(chain)} cameras of kalibr: {', '.join(chain)}",
             "one",
             at=(chain[1],),
-            hint="copy each into a file of its own",
+            hint="copy each camera into its own file",
         )
     section = top.section(chain[0])
     if (model := section.data.get("camera_model", "pinhole")) != "pinhole":
         raise section.refuse(
-            f"{model!r}, a camera of kalibr's",
+            f"{model!r}, a camera model of kalibr",
             "pinhole with radtan",
             at=("camera_model",),
             hint="calibrate it with --models pinhole-radtan",
@@ -143,5 +143,5 @@ def plumb_bob(top: YamlSection) -> None:
         f"{model!r}{what}",
         f"{PLUMB_BOB} (radtan): k1, k2, p1, p2, and k3",
         at=("distortion_model",),
-        hint="calibrate the camera with that model",
+        hint="calibrate the camera with this model",
     )

@@ -74,7 +74,7 @@ class Corners(Displayable):
         """
         for row in np.flatnonzero(~np.isin(self.point, list(board.points)))[:1]:
             expected = f"{board.numbering} ({board.type})"
-            hint = "corners and board belong together: is it another board?"
+            hint = "check whether corners and board belong together"
             raise self.refuse(int(row), f"point {self.point[row]}", expected, hint)
         if camera is None:
             return
@@ -84,10 +84,11 @@ class Corners(Displayable):
             raise self.refuse(
                 int(row),
                 f"a corner at {u:.1f}, {v:.1f} px",
-                f"one in the picture, which is {camera.width} x {camera.height} px",
-                "all would be in it if u and v were exchanged: u is the column, v the row"
+                f"a corner in the picture, which is {camera.width} x {camera.height} px",
+                "if u and v were exchanged, all corners would be in the picture: u is the "
+                "column, v the row"
                 if exchanged
-                else "the camera's file must be of pictures of this size",
+                else "the camera's file must be for pictures of this size",
             )
 
 
@@ -117,8 +118,9 @@ def read_corners(path: str | Path) -> Corners:
             raise corners.refuse(
                 row,
                 f"the same point as in line {table.lines[first[key]]}",
-                "each point once in a picture",
-                "two boards in one picture, or two pictures of one name? Give each its own",
+                "each point only once per picture",
+                "if there are two boards in one picture, or two pictures with one name, give "
+                "each its own name",
             )
         first[key] = row
     return corners

@@ -35,7 +35,7 @@ SIGMAS = ("sigma_x", "sigma_y", "sigma_z")
 _LONGEST_QUOTE = 200
 _DECIMAL = re.compile(r"[+-]?\d+\.\d+", re.ASCII)
 # What reads tables as spreadsheets of any country write them.
-_IMPORT = "suta-calib import makes such a file of it"
+_IMPORT = "suta-calib import converts such a file"
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
 
 
@@ -181,7 +181,7 @@ def csv_table(path: Path, text: str) -> CsvTable:
     header_line, header = rows.pop(0)
     _check_header(path, header_line, header)
     if not rows:
-        raise SamplesError("a header and no data", "at least one row", file=path, line=header_line)
+        raise SamplesError("a header without data", "at least one row", file=path, line=header_line)
     for line, row in rows:
         if len(row) != len(header):
             cut_off = line == rows[-1][0] and len(row) < len(header)
@@ -190,7 +190,7 @@ def csv_table(path: Path, text: str) -> CsvTable:
                 f"{len(header)}, as in the header",
                 file=path,
                 line=line,
-                hint="the file ends in the middle of a row: record it again or delete that row"
+                hint="the file ends in the middle of a row: record it again or delete this row"
                 if cut_off
                 else "",
             )
@@ -216,14 +216,15 @@ def _check_last(path: Path, text: str, rows: Sequence[tuple[int, list[str]]]) ->
         return
     where = f"{path}:{line}"
     problem = f"{last!r} at the end of the file, without a line break"
-    hint = "if nothing is missing, end the line"
+    hint = "if nothing is missing, add a line break"
     fixed = len(decimals) == 1 and all(map(_DECIMAL.fullmatch, cells_before))
     if fixed and len(last.partition(".")[2]) < min(decimals):
         expected = f"{min(decimals)} decimals, as in all other rows"
         raise SamplesError(problem, expected, file=path, line=line, hint=f"cut off? {hint}")
     if len(last) < min(map(len, cells_before)):
         warnings.warn(
-            f"{where}: found {problem}; all other rows have a longer one: cut off? {hint}",
+            f"{where}: found {problem}; all other rows have a longer number, so the file may be "
+            f"incomplete; {hint}",
             SutaCalibWarning,
             stacklevel=4,
         )
@@ -279,7 +280,7 @@ def _check_header(path: Path, line: int, header: list[str]) -> None:
     for name, times in Counter(header).items():
         if name and times > 1:
             raise SamplesError(
-                f"the column {name!r} more than once", "each column once", file=path, line=line
+                f"the column {name!r} more than once", "each column only once", file=path, line=line
             )
 
 
@@ -318,7 +319,10 @@ def positions(table: CsvTable, prefix: str = "") -> FloatArray:
     for row, axis in np.argwhere(np.abs(position) > FARTHEST):
         cell = repr(table.columns[chosen[axis]][row])
         expected = f"a position within {FARTHEST:g} m"
-        hint = "coordinates of a grid? suta-calib import --origin first subtracts an origin"
+        hint = (
+            "if these are coordinates of a grid, subtract an origin with suta-calib import "
+            "--origin first"
+        )
         raise table.refuse(int(row), chosen[axis], cell, expected, hint)
     return position
 
@@ -415,7 +419,7 @@ def rotations(table: CsvTable, prefix: str = "") -> FloatArray:
         warnings.warn(
             f"{table.path}:{table.lines[unnormalised[0]]}: found a quaternion of length "
             f"{length[unnormalised[0]]:.3f} ({unnormalised.size} such rows); expected length 1; "
-            "normalised",
+            "they were normalised",
             SutaCalibWarning,
             stacklevel=3,
         )

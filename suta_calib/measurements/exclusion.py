@@ -54,8 +54,8 @@ class Exclusion:
                 out |= matching
         if out.all():
             raise SamplesError(
-                f"every one of {len(samples)} samples excluded",
-                "some that are left",
+                f"all {len(samples)} samples excluded",
+                "some samples that remain",
                 where="exclude",
             )
         return samples.take(~out)
@@ -68,7 +68,7 @@ def exclusion_keys(groupings: Mapping[str, tuple[str, ...]]) -> Fields:
             Field(
                 f"{noun}s",
                 Value("names", YamlSection.texts),
-                f"By {'/'.join(columns)}." if columns else "By file and line, as file.csv:12.",
+                f"By {'/'.join(columns)}." if columns else "By file and line, such as file.csv:12.",
             )
             for noun, columns in groupings.items()
         )
@@ -89,7 +89,7 @@ def _labels(samples: Samples, level: str, columns: tuple[str, ...]) -> NDArray[n
     for column in columns:
         if column not in samples.labels:
             raise SamplesError(
-                f"no column {column!r} to exclude {level} by",
+                f"no column {column!r}, which is needed to exclude {level}",
                 f"one of {', '.join(samples.labels) or 'rows'}",
                 where=f"exclude.{level}",
             )

@@ -208,7 +208,7 @@ def cone(sign: Sign) -> Value:
 def _direction(section: YamlSection, name: str) -> FloatArray:
     vector = np.array(section.numbers(name, 3))
     if not vector.any():
-        raise section.refuse("a vector without direction", "a direction", at=(name,))
+        raise section.refuse("a vector of length zero", "a direction", at=(name,))
     return np.asarray(vector / np.linalg.norm(vector))
 
 
@@ -247,7 +247,9 @@ def urdf_file(section: YamlSection, name: str) -> UrdfFile:
     _XACRO.check(below)
     file, values = below.existing_file("file"), below.section("args")
     if file.suffix.lower() != ".xacro":
-        raise below.refuse("args of a file that is no .xacro", "its name alone", at=("args",))
+        raise below.refuse(
+            "args for a file that is not a .xacro", "only the name of the file", at=("args",)
+        )
     arguments = dict[str, str]()
     for argument, value in values.data.items():
         if not isinstance(value, str | int | float):
@@ -264,13 +266,13 @@ URDF: Final = Field(
     "ur.urdf.xacro, args: {ur_type: ur5e}}.",
     required=True,
 )
-TIP: Final = Field("tip", TEXT, "Link or frame whose pose matters.", required=True)
-BASE: Final = Field("base", TEXT, "Link the chain starts from; the URDF's root link without it.")
-POSITION: Final = Field("position_mm", XYZ_MM, "Where its origin is.", required=True)
+TIP: Final = Field("tip", TEXT, "Link or frame of the tip.", required=True)
+BASE: Final = Field("base", TEXT, "First link of the chain; default: the root link of the URDF.")
+POSITION: Final = Field("position_mm", XYZ_MM, "Position of its origin.", required=True)
 ROTATION: Final = Field(
     "rotation_rpy_deg",
     RPY_DEG,
-    "How it is turned, as in a URDF; not at all without it.",
+    "Its orientation, as in a URDF; default: not rotated.",
     given_attribute="rotation",
 )
 POSE: Final = Fields(POSITION, ROTATION)

@@ -46,9 +46,9 @@ def read_text(path: str | Path, error: type[InputError] = InputError) -> str:
             "bytes that are not UTF-8", "UTF-8 text", file=path, line=line, hint="save it as UTF-8"
         ) from None
     if (at := data.find(b"\0")) >= 0:
-        hint = "UTF-16 has them, then save it as UTF-8; or it was not written to its end"
+        hint = "UTF-16 files contain them: save it as UTF-8; or the file is incomplete"
         line = data[:at].count(b"\n") + 1
-        raise error("bytes that are zero", "UTF-8 text", file=path, line=line, hint=hint)
+        raise error("zero bytes", "UTF-8 text", file=path, line=line, hint=hint)
     return text
 
 
@@ -94,16 +94,16 @@ def expand(pattern: str, folder: Path) -> list[Path]:
         matches = sorted(set(paths))
     except OverflowError:
         raise SamplesError(
-            f"{pattern!r} in {folder}, which goes through more than {MOST_ENTRIES:,} files",
-            "a pattern that names the folder of the files",
+            f"{pattern!r} in {folder}, which covers more than {MOST_ENTRIES:,} files",
+            "a pattern that contains the folder of the files",
         ) from None
     files = [path for path in matches if is_file(path)]
     for path in matches:
         if path.is_symlink() and not path.exists():
             raise SamplesError(
-                f"{path}, a link to {path.readlink()}, which is not there",
+                f"{path}, a link to {path.readlink()}, which does not exist",
                 f"files that {pattern!r} matches",
-                hint="mend the link or remove it",
+                hint="correct the link or remove it",
             )
     if not files:
         raise SamplesError(f"no file that matches {pattern!r} in {folder}", "at least one file")

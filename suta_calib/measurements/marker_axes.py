@@ -102,9 +102,9 @@ def _sentence(board: Markers, turned: Markers) -> str:
     right, down = (turned.markers[number].rotation.T @ board.markers[number].rotation)[:2]
     y_up = np.allclose(right, [1, 0, 0]) and np.allclose(down, [0, -1, 0])
     sentence = (
-        "The board's file places the markers with y up, but the markers themselves have y down"
+        "The file of the board places the markers with y up, but y of the markers points down"
         if y_up
-        else "The markers lie on the board in another orientation than its file says"
+        else "The markers are rotated on the board against its file"
     )
     first = ", ".join(f"{angle:g}" for angle in next(iter(angles)))
     remedy = (
@@ -113,6 +113,6 @@ def _sentence(board: Markers, turned: Markers) -> str:
         else "correct every marker's rotation_rpy_deg"
     )
     return (
-        f"{sentence}. The orientation in the pictures is used, with the places of the file, so the "
-        f"frame of the board does not change. To correct the file, {remedy}."
+        f"{sentence}. The orientation in the pictures is used with the positions in the file, so "
+        f"the frame of the board does not change. To correct the file, {remedy}."
     )

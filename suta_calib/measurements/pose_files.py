@@ -146,7 +146,7 @@ def read_hand_poses(source: str | Path | CsvTable) -> HandPoses:
     for row, name in enumerate(image.tolist()):
         if name in first:
             problem = f"{name!r} as in line {table.lines[first[name]]}"
-            raise table.refuse(row, "image", problem, "each picture once")
+            raise table.refuse(row, "image", problem, "each picture only once")
         first[name] = row
     _check_different(table, *pose)
     return HandPoses(**_read(table, notes), pose=pose, image=image)
@@ -185,7 +185,11 @@ def read_corresponding_points(
     both = [positions(table) for table in tables]
     a, b = tables
     if len(a) != len(b):
-        raise SamplesError(_rows(len(b)), f"{len(a)}, as in {a.path}: rows correspond", file=b.path)
+        raise SamplesError(
+            _rows(len(b)),
+            f"{len(a)} rows, as in {a.path}, because the rows belong together",
+            file=b.path,
+        )
     for table, points in zip(tables, both, strict=True):
         _count_different(table, points, "points")
     (smaller, _), (larger, file) = sorted(
@@ -198,7 +202,7 @@ def read_corresponding_points(
             f"points {ratio:.0f} times as far apart as in {other}",
             "the same distances in both: lengths are m, or mm in columns x_mm, y_mm, z_mm",
             file=file,
-            hint="one of the files is in another unit than its columns say",
+            hint="one of the files is in another unit than its column names",
         )
     return _points(a, both[0]), _points(b, both[1])
 
@@ -234,7 +238,7 @@ def _hint_at_unit(table: CsvTable, positions: FloatArray, prefix: str = "") -> t
         return ()
     columns = ", ".join(f"{prefix}{axis}{other}" for axis in "xyz")
     note = (
-        f"{table.path}:{table.header_line}: column {first!r}: found positions some {guess}: "
+        f"{table.path}:{table.header_line}: column {first!r}: found positions about {guess}: "
         f"name the columns {columns}"
     )
     _warn(note)
@@ -247,8 +251,8 @@ def _hint_at_other_file(table: CsvTable, positions: FloatArray, prefix: str) -> 
     if f"{prefix}x_mm" in table.columns or not 0.0 < distance < NEAR:
         return ()
     note = (
-        f"{table.path}: found positions some {mm(distance):.2g} mm away, nearer than a tracker or "
-        "a camera sees: were metres read as mm? Then multiply the file's positions by 1000"
+        f"{table.path}: found positions about {mm(distance):.2g} mm away, nearer than a tracker or "
+        "a camera can see. If metres were read as mm, multiply the file's positions by 1000"
     )
     _warn(note)
     return (f"{note}.",)
@@ -260,8 +264,8 @@ def _check_different(table: CsvTable, *parts: FloatArray) -> None:
     copies = len(table) - _count_different(table, numbers, "poses")
     if copies:
         _warn(
-            f"{table.path}: found {_rows(copies)} repeating another exactly: a recording that "
-            "stood still? They count as measurements of their own, which makes ± too small"
+            f"{table.path}: found {_rows(copies)} that repeat another exactly. The recording may "
+            "have stopped. They are counted as independent measurements, which makes ± too small"
         )
 
 
@@ -276,7 +280,7 @@ def _count_different(table: CsvTable, numbers: FloatArray, what: str) -> int:
     different = len(table) - len(repeated) + len(np.unique(repeated, axis=0))
     if len(table) >= least_rows > different:
         raise SamplesError(
-            f"{_rows(len(table))}, all but {different} repeating another",
+            f"{_rows(len(table))}, of which all but {different} repeat another",
             f"at least {least_rows} different {what}",
             file=table.path,
         )

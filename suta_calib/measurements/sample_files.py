@@ -135,7 +135,7 @@ def read_samples(
         if (part.rotation is None) != (parts[0].rotation is None):
             with_, without = (path, paths[0]) if parts[0].rotation is None else (paths[0], path)
             raise SamplesError(
-                f"no orientation, but {with_} has one",
+                f"no orientation, although {with_} has one",
                 "the columns qx, qy, qz, qw in all of these files or in none",
                 file=without,
             )
@@ -169,9 +169,9 @@ def _tell_of_slides(samples: Samples, joints: Sequence[JointRange]) -> None:
         if len(rows):
             warnings.warn(
                 f"{samples.origin[rows[0]]}: found {q[rows[0]]:.4g} m for {joint.name}; expected "
-                f"its range {joint}; {len(rows)} of {len(q)} samples are so far beyond it, by up "
-                f"to {beyond.max():.3g} m: is it another joint's column, or another unit, or is "
-                "its zero elsewhere? They are used as they are",
+                f"its range {joint}. {len(rows)} of {len(q)} samples are beyond it, by up to "
+                f"{beyond.max():.3g} m. Check whether the column belongs to another joint, is in "
+                "another unit, or has another zero. The values are used unchanged",
                 SutaCalibWarning,
                 stacklevel=3,
             )
@@ -247,7 +247,7 @@ def _everywhere(tables: Sequence[CsvTable], *names: str) -> bool:
     if any(has) and not all(has):
         other = tables[has.index(True)].path
         raise SamplesError(
-            f"no column {names[0]!r}, but {other} has one",
+            f"no column {names[0]!r}, although {other} has one",
             f"the column {names[0]} in all of these files or in none",
             file=tables[has.index(False)].path,
         )
@@ -326,7 +326,7 @@ def _what_it_is(q: FloatArray, k: int, joints: Sequence[JointRange]) -> str:
     """What implausible readings of the k-th joint look like, beside those of all, (joints, n)."""
     if joints[k].unit == "m":
         if _implausible(q[k] / 1e3, joints[k]).any():
-            return "is it another joint's column?"
+            return "check whether the column belongs to another joint"
         return "looks like millimetres: convert to m"
     turning = [i for i, joint in enumerate(joints) if joint.unit == "rad"]
     turns = {i: _turns_beyond(q[i], joints[i]) for i in turning}
@@ -338,8 +338,8 @@ def _what_it_is(q: FloatArray, k: int, joints: Sequence[JointRange]) -> str:
     count = "a whole turn" if abs(more) == 1 else f"{abs(more)} whole turns"
     than, do = ("more", "subtract") if more > 0 else ("less", "add")
     return (
-        f"{count} ({360 * abs(more)} deg) {than} than its range, and the other joints are in rad: "
-        f"{do} that, or set the encoder's zero"
+        f"{count} ({360 * abs(more)} deg) {than} than its range, although the other joints are "
+        f"in rad: {do} it, or set the encoder's zero"
     )
 
 
@@ -368,7 +368,7 @@ def check_joint_names(joints: Sequence[str], columns: SampleColumns) -> None:
         if joint in taken:
             raise SamplesError(
                 f"a joint named {joint!r}",
-                f"joint names other than the columns {', '.join(sorted(taken))}",
+                f"joint names that differ from the columns {', '.join(sorted(taken))}",
                 hint="rename the joint in the URDF",
             )
 
@@ -401,7 +401,7 @@ def write_samples(path: Path, samples: Samples) -> None:
         columns.append((TEMPERATURE, samples.temperature))
     names = [name for name, _ in columns]
     if len(set(names)) < len(names):
-        raise SamplesError(f"columns {', '.join(names)}", "each name once", file=path)
+        raise SamplesError(f"columns {', '.join(names)}", "each name only once", file=path)
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(names)

@@ -106,7 +106,7 @@ class Samples(Displayable):
                 positive.
         """
         if len(set(joints)) != len(joints):
-            raise SamplesError(f"joints {', '.join(joints)}", "each name once", where="joints")
+            raise SamplesError(f"joints {', '.join(joints)}", "each name only once", where="joints")
         n = len(np.atleast_1d(numbers_of("q", q)))
         if n == 0:
             raise SamplesError("no samples", "at least one", where="q")
@@ -224,7 +224,9 @@ class Samples(Displayable):
             for part in parts
         }
         if len(kinds) != 1:
-            raise SamplesError("parts with different columns", "one or more with the same columns")
+            raise SamplesError(
+                "parts with different columns", "one or more parts with the same columns"
+            )
         if len(parts) == 1:
             return parts[0]
         origin = tuple(origin for part in parts for origin in part.origin)
@@ -315,7 +317,10 @@ def positive(name: str, values: ArrayLike, shape: tuple[int, ...]) -> FloatArray
 
 
 def _positions(values: ArrayLike, n: int) -> FloatArray:
-    position, hint = finite("position", values, (n, 3)), "coordinates of a grid? subtract an origin"
+    position, hint = (
+        finite("position", values, (n, 3)),
+        ("if these are coordinates of a grid, subtract an origin"),
+    )
     far = np.abs(position) > FARTHEST
     return _checked("position", position, far, f"m, within {FARTHEST:g}", hint)
 
@@ -361,7 +366,9 @@ def _rotations(values: ArrayLike, n: int) -> FloatArray:
 
 
 def _no_rotation(where: str) -> SamplesError:
-    return SamplesError("a matrix that is not a rotation", "orthonormal, right-handed", where=where)
+    return SamplesError(
+        "a matrix that is not a rotation matrix", "orthonormal, right-handed", where=where
+    )
 
 
 def rotation_matrix(name: str, values: ArrayLike) -> FloatArray:

@@ -104,14 +104,14 @@ SCALE_KEYS: Final = Fields(
     Field(
         "grade",
         Value("certified, machined or printed", lambda section, _: read_scale(section)),
-        "How it was made. This sets the standard deviation of the scale factor of all its "
+        "How it was made. This determines the standard deviation of the scale factor of all its "
         "lengths: 20, 200 or 5,000 ppm.",
         given_attribute="scale",
     ),
     Field(
         "scale_ppm",
         Value("ppm", lambda section, _: read_scale(section)),
-        "Standard deviation of the scale factor of all its lengths, in place of that of the "
+        "Standard deviation of the scale factor of all its lengths, instead of that of the "
         "grade; 0 for lengths that are exact by definition.",
         given_attribute="scale",
     ),
@@ -120,8 +120,8 @@ SCALE_KEYS: Final = Fields(
 STRETCH: Final = Field(
     "stretch",
     Value("free or fixed"),
-    "free: its stretch along x and along y is estimated. The prior is the standard deviation of "
-    "its scale (5,000 ppm without grade and scale_ppm). The default is free for the grade "
-    "printed, else fixed.",
+    "free: the stretch along x and along y is estimated. Its prior is the standard deviation of "
+    "the scale (5,000 ppm without grade and scale_ppm). Default: free for the grade printed, "
+    "else fixed.",
 )
 BODY_KEYS: Final = Fields(*SCALE_KEYS, STRETCH)

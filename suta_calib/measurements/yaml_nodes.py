@@ -48,7 +48,7 @@ def plain_data(
     """What a YAML text says, whose top level is a mapping, and the line of every key, from 1."""
     if len(text) > MOST_BYTES:
         excess, expected = f"{len(text):,} characters", f"at most {MOST_BYTES:,}"
-        raise error(excess, expected, file=path, hint="long tables belong into a CSV file")
+        raise error(excess, expected, file=path, hint="write long tables into a CSV file")
     # OpenCV writes its own first line, with a colon, which no YAML reader takes.
     text = f"#{text}" if text.startswith(("%YAML:", "%YAML 1.0")) else text
     lines: dict[KeyPath, int] = {}
@@ -84,7 +84,7 @@ def _graph(path: Path, text: str, error: type[InputError]) -> Node:
     words = str(getattr(refused, "problem", None) or refused).splitlines()
     found = f"text that is not YAML ({words[0]})" if words else "text that is not YAML"
     # PyYAML's words for it say nothing without their context.
-    found = "an anchor a second time" if words == ["second occurrence"] else found
+    found = "an anchor that is defined twice" if words == ["second occurrence"] else found
     raise error(found, "YAML", file=path, line=None if mark is None else mark.line + 1) from None
 
 
@@ -119,8 +119,8 @@ class _Plain:
         if len(inside) > MOST_LEVELS:
             raise self._refuse("lists nested too deeply", f"at most {MOST_LEVELS} levels", node)
         if len(self.lines) > MOST_VALUES:
-            most = f"at most {MOST_VALUES:,} values, aliases counted as often as they are used"
-            raise self._refuse("a file that says too much", most, node)
+            most = f"at most {MOST_VALUES:,} values, with aliases counted as often as they are used"
+            raise self._refuse("too many values", most, node)
         if node.id == "mapping":
             return self._mapping(node, keys, (*inside, node))
         if node.id == "sequence":
@@ -134,7 +134,7 @@ class _Plain:
             if key.id != "scalar":
                 raise self._refuse("a list or mapping as a key", "a word as a key", key)
             if key.value in mapping:
-                raise self._refuse(f"the key {key.value!r} a second time", "each key once", key)
+                raise self._refuse(f"the key {key.value!r} twice", "each key only once", key)
             self.lines[(*keys, key.value)] = key.start_mark.line + 1
             mapping[key.value] = self.value(value, (*keys, key.value), inside)
         return mapping

@@ -150,13 +150,13 @@ class ArmModel(Displayable):
         last = self.segments[-1]
         if last.motion != "fixed":
             raise ParameterError(
-                f"a tip_offset_mm at {self.tip}, the link that {last.owner} moves",
-                "a tip that a fixed joint holds, whose <origin> is where calibrated.urdf keeps the "
-                "offset: a joint that moves keeps its axis there",
+                f"a tip_offset_mm at {self.tip}, a link that {last.owner} moves",
+                "a tip on a fixed joint, because calibrated.urdf stores the offset in its "
+                "<origin>; the origin of a moving joint also fixes its axis",
                 where="arm.tip_offset_mm",
-                hint=f"add to the URDF a link with a fixed joint on {self.chain.tip_link}, and "
-                "make it the tip; what an instrument sees there needs none: give its samples a "
-                "column 'target'",
+                hint=f"add a link with a fixed joint on {self.chain.tip_link} to the URDF, and "
+                "make it the tip. Targets of an instrument need no link: give their samples "
+                "a column 'target'",
             )
         names = last.names(*POSITION)
         moved = [self.parameters[n].nominal for n in names] + last.rotation @ np.asarray(by)
@@ -290,8 +290,9 @@ class ArmModel(Displayable):
             hanging = self.loads[beyond(climbed, movers.index(parameter.owner))]
             if not any(load.mass > 0 for load in hanging):
                 raise UrdfError(
-                    f"no mass in any link beyond {parameter.owner}",
-                    "<inertial> with <mass> in the links, which gravity's torque is computed from",
+                    f"no mass in any link behind {parameter.owner}",
+                    "<inertial> with <mass> in the links, from which the torque of gravity is "
+                    "computed",
                     file=self.chain.path,
                     where=parameter.name,
                     hint="add the masses, or do not select this parameter",
@@ -334,7 +335,9 @@ class ArmModel(Displayable):
         try:
             readings = np.asarray(q, dtype=float)
         except (TypeError, ValueError) as problem:
-            raise ParameterError(f"no readings ({problem})", "(n, joints) of numbers") from None
+            raise ParameterError(
+                f"no readings ({problem})", "an array (n, joints) of numbers"
+            ) from None
         # What is no geometry and stays as it is needs no masses, which it may not have.
         beside = self.nongeometric
         arm_values = {

@@ -200,7 +200,7 @@ def ends(tree: UrdfTree) -> str:
         return sum(joint.moves for joint in tree.path_to_root(link))
 
     links = sorted(tree.leaves, key=moving, reverse=True)
-    return f"its chains end at {listed([quoted(link) for link in links], 12)}"
+    return f"the chains of the file end at {listed([quoted(link) for link in links], 12)}"
 
 
 def _joints_between(tree: UrdfTree, base: str, tip: str) -> tuple[list[TreeJoint], list[TreeJoint]]:
@@ -208,7 +208,7 @@ def _joints_between(tree: UrdfTree, base: str, tip: str) -> tuple[list[TreeJoint
     if base == tip:
         same = f"{quoted(tip)} as both base and tip"
         raise UrdfError(
-            same, "two links, with joints between them, of the file", file=tree.path, where="tip"
+            same, "two links of the file, with joints between them", file=tree.path, where="tip"
         )
     climbed, descended = tree.path_to_root(base), tree.path_to_root(tip)
     while climbed and descended and climbed[-1] is descended[-1]:
@@ -222,10 +222,10 @@ def _chain_joint(tree: UrdfTree, joint: TreeJoint, *, climbed: bool = False) -> 
     where, element = f"joint {quoted(joint.name)}", joint.element
     kind = attribute(path, element, "type", where)
     if kind not in _SUPPORTED_TYPES:
-        expected = f"{', '.join(_SUPPORTED_TYPES[:-1])} or fixed on the chain"
+        expected = f"{', '.join(_SUPPORTED_TYPES[:-1])} or fixed in the chain"
         # The base of a robot that stands free, or drives.
         free = kind in ("floating", "planar") and not climbed
-        hint = f"name its child as the base: {quoted(joint.child)}" if free else ""
+        hint = f"choose its child as the base: {quoted(joint.child)}" if free else ""
         raise refusal(path, element, f"the type {quoted(kind)}", expected, where, hint)
     xyz, rpy = np.zeros(3), np.zeros(3)
     for origin in children(element, "origin")[:1]:
@@ -258,18 +258,18 @@ def _mimic(tree: UrdfTree, joint: TreeJoint) -> Mimic | None:
         )
         multiplier, offset = multiplier * m, multiplier * b + offset
         if name not in tree.joints:
-            unknown = f"the joint {quoted(name)}, which no <joint> declares"
+            unknown = f"the joint {quoted(name)}, which is not defined"
             hint = suggestion(name, tree.joints, "joints")
             raise refusal(tree.path, mimic, unknown, "a joint of the file", place, hint)
         if name in passed:
             loop = " follows ".join(map(quoted, [*passed[passed.index(name) :], name]))
-            expected = "a joint with a reading of its own at the end"
+            expected = "a joint with its own reading at the end"
             raise refusal(tree.path, mimic, f"a loop: {loop}", expected, place)
         follower = tree.joints[name]
         kind = attribute(tree.path, follower.element, "type", f"joint {quoted(name)}")
         if kind not in _MOVING_TYPES:
             expected = f"a {', '.join(_MOVING_TYPES[:-1])} or {_MOVING_TYPES[-1]} joint"
-            what = f"the joint {quoted(name)}, which is {kind}: it has no single reading"
+            what = f"the joint {quoted(name)}, which is {kind} and has no single reading"
             raise refusal(tree.path, mimic, what, expected, place)
         passed.append(name)
     return Mimic(follower.name, multiplier, offset) if follower is not joint else None

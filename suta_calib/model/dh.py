@@ -81,7 +81,7 @@ class DhTable(Displayable):
 
     def __post_init__(self) -> None:
         if not self.joints:
-            raise UrdfError("a DH table in which nothing moves", "a revolute or prismatic row")
+            raise UrdfError("a DH table without moving joints", "a revolute or prismatic row")
         twice = {name for name in self.joints if self.joints.count(name) > 1}
         if twice:
             raise UrdfError(f"the joint {min(twice)!r} twice", "one row for each joint")
@@ -221,7 +221,7 @@ def _wanted_twists(like: DhTable, names: Sequence[str]) -> dict[str, float]:
     moving = list(names[1:-1])
     if list(like.joints) != moving:
         problem = f"a table of the joints {', '.join(like.joints)}"
-        expected = f"one of the same joints as the arm's: {', '.join(moving)}"
+        expected = f"a table of the same joints as the arm's: {', '.join(moving)}"
         raise UrdfError(problem, expected, where="like")
     twists = [row.alpha for row in like.rows]
     if like.convention == "modified":

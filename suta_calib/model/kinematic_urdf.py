@@ -34,7 +34,7 @@ def pinocchio_model(tree: UrdfTree, moving: Collection[str]) -> Any:
     try:
         return pin.buildModelFromXML("\n".join(_lines(tree, moving)))
     except (ValueError, RuntimeError) as error:
-        problem = f"a model Pinocchio refuses ({str(error).strip().splitlines()[0]})"
+        problem = f"a model that Pinocchio rejects ({str(error).strip().splitlines()[0]})"
         raise UrdfError(problem, "a URDF that Pinocchio can load", file=tree.path) from error
 
 
@@ -93,37 +93,40 @@ def _notes(tree: UrdfTree, chain: Collection[str]) -> Iterator[tuple[str, Elemen
     if not tree.robot:
         yield "<robot> has no name", tree.element
     for link in tree.loose:
-        yield f"link {quoted(link.get('name'))}, which no joint connects, is ignored", link
+        yield (
+            f"link {quoted(link.get('name'))}, which is not connected to any joint, is ignored",
+            link,
+        )
     for element in tree.leftover:
         tag = f"<{element.prefix}:{element.tag.rpartition('}')[2].rpartition(':')[2]}>"
-        yield f"{tag}, which xacro has not expanded, is ignored", element
+        yield f"{tag}, which xacro did not expand, is ignored", element
     for joint in tree.joints.values():
         yield from _joint_notes(joint, joint.name in chain)
     for link in children(tree.element, "link"):
         for inertial in children(link, "inertial")[:1]:
             if _mass(inertial) is None:
-                yield "an impossible mass is not used", inertial
+                yield "an impossible mass is ignored", inertial
 
 
 def _joint_notes(joint: TreeJoint, checked: bool) -> Iterator[tuple[str, Element]]:
     limited = joint.element.get("type") in _LIMITED and checked
     limits = children(joint.element, "limit")[:1]
     if limited and not limits:
-        yield "a joint without <limit> is taken to have none", joint.element
+        yield "a joint without <limit> is treated as unlimited", joint.element
     for limit in limits:
         values = {n: finite_numbers(limit.get(n, "0")) for n in limit.keys()}  # noqa: SIM118
         one = {name: v[0] for name, v in values.items() if len(v) == 1}
         empty = {"lower", "upper"} & set(one) and one.get("lower", 0.0) >= one.get("upper", 0.0)
         if limited and empty:
-            note = "a joint whose lower limit is not below its upper one is taken to have none"
+            note = "a joint whose lower limit is not below its upper limit is treated as unlimited"
             yield note, limit
         for name in ("effort", "velocity"):
             if one.get(name, 0.0) < 0 or (name in values and name not in one):
-                yield f"an impossible limit of {name} is not used", limit
+                yield f"an impossible limit of {name} is ignored", limit
     for origin in children(joint.element, "origin")[:1]:
         texts = [text for n in ("xyz", "rpy") if (text := origin.get(n)) is not None]
         if any(len(finite_numbers(text)) != 3 for text in texts):
-            note = "the <origin> of a joint off the chain is no three numbers, and is not used"
+            note = "the <origin> of a joint outside the chain is not three numbers, and is ignored"
             yield note, origin
 
 

@@ -41,6 +41,9 @@ def _sentence(part: dict[str, float], factor: float) -> str:
     name, length = next(iter(part.items()))
     if len(part) > 1:
         owner = name.rpartition(".")[0]
-        return f"the origin of {owner} is {factor:g} times as far off: a wrong unit in the URDF"
+        return (
+            f"the distances in the origin of {owner} are {factor:g} times as large: a wrong "
+            "unit in the URDF"
+        )
     read, stands = (f"{mm(value):.6g} mm" for value in (factor * length, length))
-    return f"{name} is {read} and not {stands}: a wrong unit in the URDF"
+    return f"{name} is {read} instead of {stands}: a wrong unit in the URDF"

@@ -116,7 +116,7 @@ class Parameter:
     def __post_init__(self) -> None:
         if not self.lower <= self.nominal <= self.upper:
             bounds = f"bounds {self.lower:g} … {self.upper:g}"
-            problem = f"{bounds} that leave out the nominal value {self.nominal:g}"
+            problem = f"{bounds} that exclude the nominal value {self.nominal:g}"
             raise ParameterError(problem, "lower ≤ nominal ≤ upper", where=self.name)
         if math.isnan(self.plausible):
             reach = max(self.upper - self.nominal, self.nominal - self.lower)
@@ -337,10 +337,8 @@ def _matches(
     offset = f"{joint}.{OFFSET}"
     slides = offset in available and available[offset].unit == "m"
     if slides and beside and not key.startswith(COUPLING):
-        problem, hint = f"'{pattern}', and {joint} slides", ""
-        expected = (
-            "a revolute joint: only what turns has an eccentric encoder, or yields to a torque"
-        )
+        problem, hint = f"'{pattern}', but {joint} is prismatic", ""
+        expected = "a revolute joint: only revolute joints have eccentricity and compliance"
     else:
         problem = f"'{pattern}', which matches no parameter of the arm"
         hint = _did_you_mean(pattern, [*available, GEOMETRIC])

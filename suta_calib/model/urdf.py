@@ -95,7 +95,7 @@ def _urdf_tags(path: Path, data: bytes) -> dict[str, _JointTags]:
         if tags.depth != 1:
             continue
         if name in by_name:
-            problem = f"the joint name {quoted(name)} a second time"
+            problem = f"the joint name {quoted(name)} twice"
             raise UrdfError(problem, "one joint of that name", file=path, line=tags.line)
         by_name[name] = tags
     return by_name
@@ -117,7 +117,7 @@ def urdf_bytes(source: Path, data: bytes, origins: Mapping[str, Origin]) -> byte
     for name, origin in origins.items():
         if name not in tags:
             hint = suggestion(name, tags, "joints")
-            raise UrdfError("no joint of that name", file=source, where=quoted(name), hint=hint)
+            raise UrdfError("no joint of this name", file=source, where=quoted(name), hint=hint)
         splices += _origin_splices(data, tags[name], name, origin)
     return _spliced(data, splices)
 
@@ -137,14 +137,16 @@ def xacro_bytes(
             continue
         problem, expected = "", "one joint of that name"
         if len(made) > 1:
-            problem = f"what may be the joints {quoted(made[0])} and {quoted(made[1])}"
-            expected = "a joint of its own for each"
+            problem = f"a joint that could be both {quoted(made[0])} and {quoted(made[1])}"
+            expected = "a separate joint for each"
         elif made[0] in placed:
-            problem = f"what may be {quoted(made[0])}, as line {placed[made[0]]} may"
+            problem = (
+                f"a joint that could be {quoted(made[0])}, as the one in line {placed[made[0]]}"
+            )
         elif tags.filled and tags.origin is None:
-            problem, expected = "an origin that a macro puts in", "an <origin> of its own"
+            problem, expected = "an origin that a macro inserts", "its own <origin>"
         if problem:
-            hint = "the formats xacro and xacro-yaml tell joints apart by their whole names"
+            hint = "use the format xacro or xacro-yaml, which identify joints by their full names"
             where = f"joint {quoted(pattern)}"
             raise UrdfError(problem, expected, file=source, line=tags.line, where=where, hint=hint)
         placed[made[0]] = tags.line

@@ -125,7 +125,7 @@ def unexpanded(path: Path, leftover: Sequence[Element]) -> UrdfError | None:
     """The error that xacro was not run, where something of it is left in a file."""
     for element in leftover[:1]:
         tag = f"<{tag_of(element)[:_LONGEST_QUOTE]}>, which xacro has not expanded"
-        hint = "run xacro first, or name the file .xacro: then it is run here"
+        hint = "run xacro first, or name the file .xacro: then it is expanded here"
         return refusal(path, element, tag, "plain URDF", hint=hint)
     return None
 
@@ -168,7 +168,7 @@ def _tree_of(path: Path, data: bytes, robot: Element, leftover: tuple[Element, .
     if more:
         problem = f"{1 + len(more)} links without a parent: {quoted(root)}, {quoted(more[0])}"
         problem += ", …" if len(more) > 1 else ""
-        hint = "connect them by joints or remove what is not used: base and tip are in one tree"
+        hint = "connect them by joints or remove the unused ones: base and tip must be in one tree"
         raise refusal(path, links[more[0]], problem, "one root link", hint=hint)
     name = robot.get("name", "")
     return UrdfTree(path, data, name, tuple(links), joints, into, root, robot, leftover, loose)
@@ -195,7 +195,7 @@ def _linked(
         raise refusal(path, element, f"no <{tag}>", f'<{tag} link="…"/>', where)
     link = attribute(path, ends_named[0], "link", f"{where}: <{tag}>")
     if link not in links:
-        unknown = f"the {tag} link {quoted(link)}, which no <link> declares"
+        unknown = f"the {tag} link {quoted(link)}, which is not defined"
         hint = suggestion(link, links, "links")
         raise refusal(path, ends_named[0], unknown, where=where, hint=hint)
     return link
@@ -210,7 +210,7 @@ def _refuse_cycle(path: Path, into: Mapping[str, TreeJoint]) -> None:
         while link in into and link not in grounded:
             if link in walk:
                 joint = walk[link]
-                cycle = f"a cycle: following parents from link {quoted(link)} leads back to it"
+                cycle = f"a cycle: the parents of link {quoted(link)} lead back to it"
                 raise refusal(path, joint.element, cycle, "a tree", f"joint {quoted(joint.name)}")
             walk[link] = into[link]
             link = into[link].parent
@@ -236,7 +236,7 @@ def read_urdf_bytes(path: str | Path | XacroFile) -> bytes:
     if not data.strip():
         raise UrdfError("an empty file", "a URDF file", file=path)
     if b"\0" in data[:4] or data.startswith((b"\xff\xfe", b"\xfe\xff")):
-        hint = "save it as UTF-8, as other URDF readers need it too"
+        hint = "save it as UTF-8, which other URDF readers need too"
         raise UrdfError("UTF-16 or UTF-32 text", "UTF-8 or Latin-1", file=path, hint=hint)
     return data
 

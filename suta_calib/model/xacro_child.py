@@ -66,7 +66,7 @@ class Description:
         """The folder of a package, which belongs to the description from now on."""
         if package not in self._packages:
             where = ", ".join(map(str, self.folders))
-            raise RefusedError(f"no package {package!r} in {where} or beside it")
+            raise RefusedError(f"no package {package!r} in {where} or next to it")
         folder = self._packages[package]
         self.folders.append(folder)
         return str(folder)
@@ -76,12 +76,12 @@ class Description:
         real = Path(os.path.realpath(path))
         if not any(real.is_relative_to(folder.resolve()) for folder in self.folders):
             inside = ", ".join(dict.fromkeys(map(str, self.folders)))
-            raise RefusedError(f"{path}, which is outside of the description ({inside})")
+            raise RefusedError(f"{path}, which is outside the description ({inside})")
         if folder or not real.exists():
             return
         status = real.stat()
         if not stat.S_ISREG(status.st_mode):
-            raise RefusedError(f"{path}, which is no file")
+            raise RefusedError(f"{path}, which is not a file")
         largest = 16 << 20
         if status.st_size > largest:
             raise RefusedError(f"{path}, of {status.st_size} bytes")
@@ -124,12 +124,12 @@ def _confine(description: Description) -> None:
             path, mode, flags = arguments
             writing = os.O_WRONLY | os.O_RDWR | os.O_CREAT | os.O_TRUNC | os.O_APPEND
             if isinstance(path, int) or flags & writing or set(mode or "r") & set("wax+"):
-                raise RefusedError(f"a file to be written: {path}")
+                raise RefusedError(f"an attempt to write a file: {path}")
             description.check(os.fsdecode(path))
         elif event in _FOLDERS:
             description.check(os.fsdecode(arguments[0] or "."), folder=True)
         else:
-            raise RefusedError(f"what no description needs: {event}")
+            raise RefusedError(f"an action that no description needs: {event}")
 
     sys.addaudithook(hook)
 
@@ -165,7 +165,7 @@ def _exchange_parts(description: Description) -> None:
         return str(evaluator.evaluate(text, ChainMap(names, given, table)))
 
     def environment(_name: str) -> str:
-        raise RefusedError("the environment, which a .xacro is not shown here")
+        raise RefusedError("the environment, which a .xacro cannot read here")
 
     def optional_environment(_name: str, default: str = "") -> str:
         return default

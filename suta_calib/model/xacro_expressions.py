@@ -92,7 +92,7 @@ class Evaluator:
     def attribute(self, value: Any, name: str) -> Any:
         """What stands behind a dot: an element of a namespace, or a harmless method."""
         if name.startswith("_"):
-            raise ExpressionError(f"the attribute {name[:80]!r}, which is private to Python")
+            raise ExpressionError(f"the attribute {name[:80]!r}, which is private in Python")
         if isinstance(value, self._namespaces):
             try:
                 return value[name]
@@ -118,7 +118,7 @@ class Evaluator:
 
     def _name(self, node: ast.Name, names: Names) -> Any:
         if node.id.startswith("__"):
-            raise ExpressionError(f"the name {node.id[:80]!r}, which is private to Python")
+            raise ExpressionError(f"the name {node.id[:80]!r}, which is private in Python")
         try:
             return names[node.id]
         except KeyError:
@@ -204,7 +204,7 @@ class Evaluator:
     def _lambda(self, node: ast.Lambda, names: Names) -> Any:
         given = node.args
         if given.vararg or given.kwarg or given.kwonlyargs or given.defaults:
-            raise ExpressionError("a lambda with other than plain parameters")
+            raise ExpressionError("a lambda with parameters that are not plain")
         parameters = [argument.arg for argument in given.posonlyargs + given.args]
 
         def call(*values: Any) -> Any:
@@ -274,7 +274,7 @@ def _check_size(kind: ast.operator, a: Any, b: Any) -> None:
     most_bits, most_elements = 10_000, 1_000_000
     if isinstance(kind, ast.Pow) and isinstance(a, int) and isinstance(b, int):
         if a.bit_length() * abs(b) > most_bits:
-            raise ExpressionError("a power of thousands of digits")
+            raise ExpressionError("a power with thousands of digits")
     elif isinstance(kind, ast.Mult):
         for sequence, times in ((a, b), (b, a)):
             repeats = isinstance(times, int) and isinstance(sequence, str | bytes | list | tuple)

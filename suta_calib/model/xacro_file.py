@@ -14,9 +14,9 @@ from suta_calib.optional_packages import require
 from suta_calib.sandbox import ConfinedError, run_confined
 
 _CHILD: Final = "suta_calib.model.xacro_child"
-_EXPECTED: Final = "a file that xacro expands by itself, from files of its own description"
+_EXPECTED: Final = "a file that xacro can expand with only the files of its own description"
 _HINT: Final = (
-    "a .xacro can hold a program, so here it may only compute and read its own folder; if you "
+    "a .xacro can contain a program, so here it may only compute and read its own folder. If you "
     "trust it, expand it yourself: xacro FILE.xacro > FILE.urdf"
 )
 _ARGUMENT_HINT: Final = (
@@ -49,7 +49,7 @@ def expanded(file: Path | XacroFile) -> bytes:
     """
     path, given = (file.path, file.arguments) if isinstance(file, XacroFile) else (file, {})
     if not is_xacro(path):
-        expected = "a .xacro file: it alone has arguments"
+        expected = "a .xacro file: other files have no arguments"
         raise UrdfError(f"a file without arguments ({', '.join(given)})", expected, file=path)
     if not path.is_file():
         problem = "a directory" if path.is_dir() else "no such file"
@@ -70,14 +70,14 @@ def _expand(path: Path, arguments: Sequence[str]) -> tuple[bytes, dict[str, tupl
     try:
         answer = run_confined(_CHILD, str(path), *arguments)
     except ConfinedError as problem:
-        excess = f"what takes {problem} to expand"
+        excess = f"a file that takes {problem} to expand"
         raise UrdfError(excess, _EXPECTED, file=path, hint=_HINT) from None
     if "refused" in answer:
         raise _refusal(path, answer)
     for name in (argument.partition(":=")[0] for argument in arguments):
         if name not in answer["arguments"]:
             raise UrdfError(
-                f"the argument {name!r}, which nothing in the description uses",
+                f"the argument {name!r}, which the description does not use",
                 f"one of {', '.join(answer['arguments']) or 'none: it has no arguments'}",
                 file=path,
                 hint=did_you_mean(name, answer["arguments"]),
@@ -95,7 +95,7 @@ def _refusal(path: Path, answer: Mapping[str, Any]) -> UrdfError:
     included = file.name if os.path.realpath(file) != os.path.realpath(path) else ""
     kind = "may not do here" if answer["forbidden"] else "refuses"
     return UrdfError(
-        f"what xacro {kind} ({message})",
+        f"something that xacro {kind} ({message})",
         _EXPECTED,
         file=path,
         line=None if included else _line(path, str(answer["expression"])),

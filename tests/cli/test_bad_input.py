@@ -229,7 +229,7 @@ def test_init_refuses_what_it_cannot_use(folder: Path, tmp_path: Path, suta_urdf
     start = ("init", suta_urdf, "--out", out)
     said = refused(*start)
     assert "found no --tip" in said
-    assert "its chains end at 'tip'" in said
+    assert "the chains of the file end at 'tip'" in said
     assert "tipp" in refused(*start, "--tip", "tipp")
     assert "one of" in refused(*start, "--tip", "tip", "--kind", "touch")
     twice = ("--kind", "landmark", "--kind", "landmark")

@@ -225,7 +225,7 @@ def test_init_names_the_ends_of_the_arm_to_who_does_not_know_its_tip(
     joints = "".join(map(joint.format, ("left", "right")))
     urdf.write_text(f'<robot name="two">{links}{joints}</robot>')
     said = refused("init", urdf, *tip, "--out", tmp_path / "job")
-    assert "its chains end at 'left_hand', 'right_hand'" in said
+    assert "the chains of the file end at 'left_hand', 'right_hand'" in said
     assert not (tmp_path / "job").exists()
 
 
@@ -311,7 +311,7 @@ def test_an_interrupt_leaves_nothing_half_written(job: Path, seen: int) -> None:
     assert running.returncode == 130, said
     assert out == ""
     last = said.decode().splitlines()[-1]
-    assert last.endswith("suta-calib: interrupted; nothing half-written was left")
+    assert last.endswith("suta-calib: interrupted; no incomplete files were left")
     assert "Traceback" not in said.decode()
     assert not (job.parent / "results").exists()
 

@@ -63,7 +63,7 @@ def test_a_damaged_pillar_is_exit_1_and_stands_in_the_file(tmp_path: Path) -> No
     found = answer("certify", points, "--out", out, code=1)
     assert found["damaged"] == ["S2"]
     assert found["landmarks"]["S2"]["faults"][0]["what"] == "slope of its top"
-    assert "DAMAGED, OR TOUCHED WRONGLY: S2" in out.read_text(encoding="utf-8")
+    assert "DAMAGED OR TOUCHED WRONGLY: S2" in out.read_text(encoding="utf-8")
     assert answer("certify", points, "--tolerance-mm", 0.5)["damaged"] == []
 
 
@@ -143,7 +143,7 @@ BAD: dict[str, tuple[Callable[[str], str], str]] = {
     ),
     "another pillar's top": (
         lambda t: t.replace("top,S1", "top,@").replace("top,S2", "top,S1").replace("@", "S2"),
-        r":\d+: landmark 'S2': found a top [\d.]+ mm beside .* belong to this landmark",
+        r":\d+: landmark 'S2': found a top [\d.]+ mm away from .* belong to this landmark",
     ),
 }
 

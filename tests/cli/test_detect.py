@@ -57,7 +57,7 @@ def test_a_wrong_board_leaves_nothing_behind(workcell: Path, tmp_path: Path, cap
 @pytest.mark.parametrize(
     ("more", "said"),
     [
-        (["--camera", "a", "--camera-out", "b"], "give one of them"),
+        (["--camera", "a", "--camera-out", "b"], "give either --camera"),
         (["--pictures"], "give --report"),
         (["--out", "nowhere/c.csv"], "no folder nowhere"),
     ],

@@ -205,7 +205,7 @@ def test_bad_usage_is_one_line(suta_urdf: Path, arguments: list[str], message: s
     [
         ("artefact: artefact.yaml, ", ["--placement", P1], "found no artefact in the job"),
         ("", ["--placement", "P1=1"], "--placement: found 'P1=1'; expected LABEL=x,y,z"),
-        ("", ["--placement", P1, "--sequence", "A,Z"], "an unknown landmark 'Z'"),
+        ("", ["--placement", P1, "--sequence", "A,Z"], "no landmark 'Z'"),
         ("", ["--placement", P1, "--motion", "still"], "--script together with --motion"),
         ("", ["--placement", "P1=9000,0,0"], "landmark 'A' of placement 'P1' out of"),
         ("observations", [], "neither a job nor a simulation"),

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parents[2]
-SAID = "suta-calib: interrupted; nothing half-written was left"
+SAID = "suta-calib: interrupted; no incomplete files were left"
 
 
 def interrupted(moment: str, *arguments: object) -> tuple[int, str, str]:

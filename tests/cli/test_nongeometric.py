@@ -163,7 +163,7 @@ def test_masses_that_are_missing_are_named(clean: Path) -> None:
     text = JOB.replace("observations:", "  - {select: ['*.compliance']}\nobservations:")
     clean.write_text(text)
     said = refused("calibrate", clean)
-    assert "arm.urdf: joint_1.compliance: found no mass in any link beyond joint_1" in said
+    assert "arm.urdf: joint_1.compliance: found no mass in any link behind joint_1" in said
 
 
 @pytest.mark.parametrize("command", ["extend", "budget"])

@@ -110,7 +110,7 @@ def test_the_job_excludes_it_and_the_result_says_so(made: Path) -> None:
         ("points: [F1]", ("exclude.points", "point")),
         ("sets: [P1/9]", ("exclude.sets", "'P1/9'", "P1/1")),
         ("landmarks: [2]", ("exclude.landmarks", "quotes")),
-        ("placements: [P1, P2, P3, P4, P5]", ("every one of 225 samples excluded",)),
+        ("placements: [P1, P2, P3, P4, P5]", ("all 225 samples excluded",)),
     ],
 )
 def test_exclusions_that_cannot_be_are_refused(

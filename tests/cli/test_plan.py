@@ -72,7 +72,7 @@ def test_places_are_read_in_si(tmp_path: Path) -> None:
         ("placements:\n  A: {position: [1, 2, 3]}\n", 2, "position without its unit"),
         ("placements:\n  A: {position_mm: [1, 2]}\n", 2, "a list of 3 numbers"),
         ("placements:\n  A: {position_mm: [1, 2, .nan]}\n", 2, "a finite number"),
-        ("points:\n  A: {position_mm: [1, 2, 3], axis: [0, 0, 0]}\n", 2, "without direction"),
+        ("points:\n  A: {position_mm: [1, 2, 3], axis: [0, 0, 0]}\n", 2, "length zero"),
         ("points:\n  A: {position_mm: [1, 2, 3], cone_deg: 200}\n", 2, "at most 180"),
         ("points:\n  A: {position_mm: [1, 2, 3], directions: 1}\n", 2, "whole number from 2"),
         ("grids:\n  G: {x_mm: [1], y_mm: [2]}\n", 2, "this key is required"),

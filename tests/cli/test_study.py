@@ -159,6 +159,6 @@ def test_an_interrupt_says_how_to_go_on(
 
     monkeypatch.setattr(study_runner, "run_trial", interrupted)
     assert cli("study", job, *FEW, "--sizes", "20") == 130
-    assert "go on with --resume" in capsys.readouterr().err
+    assert "continue with --resume" in capsys.readouterr().err
     results = job.parent / "results"
     assert [path.name for path in results.iterdir()] == ["study.trials.csv"]

@@ -127,7 +127,7 @@ def test_what_was_held_and_moves_the_tip_is_streamed_and_said(device: Path, tmp_
     assert found["uncertainty"]["held_within"] == ["joint_6.z"]
     assert np.linalg.norm(found["last"]["std"]) == pytest.approx(0.06 / np.sqrt(3.0), rel=1e-3)
     assert cli(*command, *options) == 0
-    said = "from how far off joint_6.z may be, held at nominal; relative to joint_1.offset, which"
+    said = "from the assumed error of joint_6.z, held at nominal; valid only while the held joint_1"
     assert said in capsys.readouterr().out
 
 

@@ -67,7 +67,7 @@ def test_a_port_beside_the_file_is_found_from_anywhere(tmp_path: Path) -> None:
         ("[{name: joint_1, sign: -1}, {name: joint_2}]", "6", 6, ["joints", "6"]),
         ("sign: -1", "sign: 0", 6, ["joints[0].sign", "0", "1 or -1"]),
         ("sign: -1", "sign: left", 6, ["joints[0].sign", "left"]),
-        ("{name: joint_2}", "{name: joint_1}", 6, ["joints[1].name", "second time"]),
+        ("{name: joint_2}", "{name: joint_1}", 6, ["joints[1].name", "twice"]),
         ("{name: joint_2}", "{name: joint_2, ratio: 0}", 6, ["joints[1].ratio", "turns of the"]),
         ("{name: joint_2}", "{name: joint_2, zero: 0.5}", 6, ["joints[1].zero", "whole number"]),
         ("sign: -1", "counts_per_turn: 1", 6, ["joints[0].counts_per_turn", "1"]),

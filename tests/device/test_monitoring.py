@@ -171,11 +171,11 @@ def test_in_a_terminal_it_draws_a_table(
     for seconds in ("0.6", "2.5", "8"):
         assert monitor(arm, "--seconds", seconds) == 0
         out = capsys.readouterr().out
-        if "nothing wrong was seen" in out:
+        if "no problem was found" in out:
             break
     assert "noise, °" in out
     assert "─" * 20 in out
-    assert "nothing wrong was seen" in out
+    assert "no problem was found" in out
 
 
 def test_an_interrupt_still_says_what_was_seen(
@@ -194,7 +194,7 @@ def test_an_interrupt_still_says_what_was_seen(
     assert monitor(arm) == INTERRUPTED
     said = capsys.readouterr()
     assert re.search(r"^\d+ frames; 0 lost", said.out, re.MULTILINE)
-    assert said.err.strip() == "suta-calib: interrupted; nothing half-written was left"
+    assert said.err.strip() == "suta-calib: interrupted; no incomplete files were left"
 
 
 def test_silence_is_one_line(arm: PtyDevice, capsys: pytest.CaptureFixture[str]) -> None:

@@ -257,7 +257,7 @@ def test_faults_are_written_in_one_line() -> None:
         ("stale=1.5", "stale=N"),
         ("gap=0.5@2", "gap=N@T"),
         ("error=joint_1@2", r"error=JOINT:S@T"),
-        ("disconnect=5@1,reboot=1@3", "one after the other"),
+        ("disconnect=5@1,reboot=1@3", "do not overlap"),
         ("5", "one of"),
     ],
 )

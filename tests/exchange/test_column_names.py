@@ -31,7 +31,7 @@ def test_a_trajectory_of_tum(tmp_path: Path) -> None:
 def test_a_trajectory_without_names_is_asked_about(tmp_path: Path) -> None:
     path = written(tmp_path / "t.txt", np.hstack([TIME, P, XYZW]), " ")
     way = "1=time,2=x,3=y,4=z,5=qx,6=qy,7=qz,8=qw"
-    with pytest.raises(InputError, match=f"--columns {way} for a trajectory of TUM"):
+    with pytest.raises(InputError, match=f"--columns {way} for a TUM trajectory"):
         imported(path)
     check(imported(path, columns=way), tmp_path / "o.csv", R, P)
 

@@ -334,16 +334,16 @@ def test_xacro_patch_of_several_files(result: Result, tmp_path: Path) -> None:
     both = (str(here), str(there))
     assert b"+++ b/sub/b.xacro" in write_foreign(result, "xacro-patch", source=both).content
     there.write_text(text)
-    with pytest.raises(InputError, match="each joint in one of the files"):
+    with pytest.raises(InputError, match="each joint in only one of the files"):
         write_foreign(result, "xacro-patch", source=both)
 
 
 @pytest.mark.parametrize(
     ("old", "new", "says"),
     [
-        ('"${prefix}joint_4"', '"${prefix}joint_${k}"', "what may be"),
-        ('<joint name="${prefix}joint_3"', '<joint name="${prefix}joint_4"', "as line"),
-        ("<origin", '<xacro:insert_block name="origin"/><x', "an origin that a macro puts in"),
+        ('"${prefix}joint_4"', '"${prefix}joint_${k}"', "a joint that could be"),
+        ('<joint name="${prefix}joint_3"', '<joint name="${prefix}joint_4"', "as the one in line"),
+        ("<origin", '<xacro:insert_block name="origin"/><x', "an origin that a macro inserts"),
         ("</robot>", "", "cannot be edited in place"),
     ],
 )

@@ -119,7 +119,7 @@ def test_answers_of_closed_problems(tmp_path: Path) -> None:
     path.write_text(json.dumps({"tip_mm": [1.0, 2.0, 300.0], "verdict": verdict}))
     (tip,) = read_result(path).transforms
     np.testing.assert_allclose(tip.matrix[:3, 3], [0.001, 0.002, 0.3])
-    with pytest.raises(InputError, match="no calibrated arm, which mjcf is a format of"):
+    with pytest.raises(InputError, match="no calibrated arm, which the format mjcf needs"):
         write_foreign(read_result(path), "mjcf")
 
 
@@ -140,7 +140,7 @@ def test_frames_of_one_kind_keep_their_labels(results: Path, tmp_path: Path) -> 
 def test_a_matrix_that_is_no_pose_is_refused(tmp_path: Path) -> None:
     stretched = POSES[0] @ np.diag([1.0, 1.0, 5.0, 1.0])
     (tmp_path / "result.json").write_text(json.dumps({"T_b_a": stretched.tolist()}))
-    with pytest.raises(InputError, match=r"result\.json: T_b_a: found numbers that are no pose"):
+    with pytest.raises(InputError, match=r"result\.json: T_b_a: found numbers that are not a pose"):
         read_result(tmp_path)
 
 
@@ -150,7 +150,7 @@ def test_what_was_insisted_on_is_still_called_unusable(tmp_path: Path) -> None:
     (tmp_path / "result.json").write_text(json.dumps(data))
     found = write_foreign(read_result(tmp_path, anyway=True), "ros-tf").assessment
     assert found.level == "care"
-    assert "must not be used" in found.notes[0]
+    assert "do not use it" in found.notes[0]
 
 
 def test_frames_have_the_users_names_and_only_their_pose_is_written(found: Result) -> None:
@@ -168,7 +168,7 @@ def test_frames_have_the_users_names_and_only_their_pose_is_written(found: Resul
             {"frame": ("hand=flange",)},
             "--frame: found the frame 'hand'; expected one of tool0, eye",
         ),
-        ({"frame": ("eye=camera",)}, "names for eye alone; expected names for both frames of a po"),
+        ({"frame": ("eye=camera",)}, "names for only eye; expected names for both frames of a po"),
         ({"pose": "camera"}, "--pose: found the pose 'camera'; expected one of eye, board 1"),
         ({"frame": ("eye",)}, "--frame: found 'eye'; expected parts such as hand=tool0"),
     ],

@@ -128,7 +128,7 @@ def test_a_rotation_vector_in_front_of_millimetres(tmp_path: Path) -> None:
     rng = np.random.default_rng(0)
     rows = np.hstack([rng.uniform(-1.5, 1.5, (30, 3)), rng.uniform(-1000, 1065, (30, 3))])
     path = written(tmp_path / "t.csv", rows)
-    said = r"plausible readings: Euler angles in rad and a position in mm; a rotation vector in rad"
+    said = r"plausible interpretations: Euler angles in rad and a position in mm; a rotation vector"
     with pytest.raises(InputError, match=said):
         imported(path, guess=True)
     found = imported(path, guess=True, rotation="vector")
@@ -153,7 +153,11 @@ def test_rotations_that_jump_between_neighbours_are_of_another_form(tmp_path: Pa
     ("header", "scale", "says"),
     [
         ("joint_1,joint_2", 2000.0, "look like degrees"),
-        ("x,y,z", 30.0, "positions some .* away, in m or mm; expected numbers that allow a guess"),
+        (
+            "x,y,z",
+            30.0,
+            "positions about .* away, in m or mm; expected numbers that allow only one unit",
+        ),
         ("x,y,z,roll,pitch,yaw", 900.0, "no angles of a usual form"),
     ],
 )

@@ -186,7 +186,7 @@ def test_a_word_of_half_its_length_is_refused(tmp_path: Path) -> None:
     path = leica_gsi(tmp_path).path
     first, *others = path.read_text().splitlines()
     path.write_text("\n".join([first.rstrip()[:-8], *others]) + "\n")
-    with pytest.raises(InputError, match=r"gsi:1: found words of 8 and of 16 characters"):
+    with pytest.raises(InputError, match=r"gsi:1: found words of both 8 and 16 characters"):
         imported(path)
 
 
@@ -229,7 +229,7 @@ def test_a_point_list_of_a_grid(unit: str, tmp_path: Path) -> None:
     path = tmp_path / "grid.txt"
     path.write_text("point\tx\ty\tz\n" + rows)
     with pytest.raises(
-        InputError, match=r"grid\.txt:2: .*coordinates of a grid\? say --origin first"
+        InputError, match=r"grid\.txt:2: .*coordinates of a grid, give --origin first"
     ):
         imported(path, unit=unit)
     found = imported(path, unit=unit, origin="first")

@@ -26,7 +26,7 @@ def test_the_rests_of_every_episode(tmp_path: Path) -> None:
 
 def test_what_the_states_are_is_asked(tmp_path: Path) -> None:
     sample = lerobot_dataset(tmp_path)
-    with pytest.raises(InputError, match=r"--state-unit: found states, and not in which unit"):
+    with pytest.raises(InputError, match=r"--state-unit: found states without their unit"):
         imported(sample.path)
 
 
@@ -45,12 +45,12 @@ def test_datasets_that_cannot_be_used(tmp_path: Path) -> None:
         with pytest.raises(InputError, match=says):
             imported(sample.path, **sample.options)
     info.write_text(json.dumps(json.loads(good) | {"total_frames": 10**6}))
-    with pytest.raises(InputError, match=r"expected 1000000, as the file says"):
+    with pytest.raises(InputError, match=r"expected 1000000, as the file states"):
         imported(sample.path, **sample.options)
     info.write_text(good)
     outside = tmp_path / "outside.parquet"
     file = sample.path / "data/chunk-000/file-001.parquet"
     file.rename(outside)
     file.symlink_to(outside)
-    with pytest.raises(InputError, match="a link that leads out of the folder"):
+    with pytest.raises(InputError, match="a link to a place outside the folder"):
         imported(sample.path, **sample.options)

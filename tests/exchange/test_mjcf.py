@@ -175,10 +175,10 @@ def test_a_body_with_several_joints_and_a_chain_of_it(tmp_path: Path) -> None:
         (f"<!DOCTYPE a [<!ENTITY b 'c'>]>{HEAD}</mujoco>", "a document type or an entity"),
         ("<robot/>", "the root element <robot>; expected <mujoco>"),
         ("<mujoco>", "arm.xml:1: found text that is not XML"),
-        (f"{HEAD}<worldbody/></mujoco>", "found a model without a joint that turns or slides"),
+        (f"{HEAD}<worldbody/></mujoco>", "found a model without revolute or prismatic joints"),
         (
             f"{HEAD}<worldbody><body><freejoint/><geom size='1'/></body></worldbody></mujoco>",
-            "found a model without a joint that turns or slides",
+            "found a model without revolute or prismatic joints",
         ),
         (
             f"{HEAD}<worldbody>{two_joints('a')}<body><joint name='any' type='ball'/>"
@@ -227,7 +227,7 @@ def test_what_the_urdf_does_not_say_is_said(tmp_path: Path) -> None:
     found = read_foreign(path, "mjcf")
     assert found.assessment.level == "good"
     assert found.remarks == (
-        "cube floats freely (cube_joint): a chain may start there.",
+        "cube floats freely (cube_joint); it may be the base of a chain.",
         "arm is moved from outside (mocap); in the URDF it is fixed.",
         "A body and a site are both called cube; the URDF calls the site cube_site.",
     )

@@ -127,15 +127,15 @@ def test_a_sample_without_one_of_its_poses_is_named(tmp_path: Path) -> None:
 def test_names_that_tell_no_roles_are_asked_about(tmp_path: Path) -> None:
     path = tmp_path / "samples.json"
     path.write_text(json.dumps({"first": TOOL.tolist(), "second": REFERENCE.tolist()}))
-    assert "first is taken for the hand in the base (a_)" in imported(path).notes[0]
+    assert "first is treated as the hand in the base (a_)" in imported(path).notes[0]
 
 
 @pytest.mark.parametrize(
     ("spoil", "says"),
     [
-        (lambda T: T[:4].tolist(), "poses of other numbers: 8 robot and 4 marker"),
+        (lambda T: T[:4].tolist(), "different numbers of poses: 8 robot and 4 marker"),
         (lambda T: (2 * T).tolist(), "last row is not 0 0 0 1"),
-        (lambda T: (T * [1.0, 1.0, -1.0, 1.0]).tolist(), "no rotation matrix"),
+        (lambda T: (T * [1.0, 1.0, -1.0, 1.0]).tolist(), "not a rotation matrix"),
     ],
 )
 def test_what_is_no_pose(spoil: Any, says: str, tmp_path: Path) -> None:
@@ -149,7 +149,7 @@ def test_lengths_in_mm(tmp_path: Path) -> None:
     path = tmp_path / "list.yaml"
     rows = [f"- {T.ravel().tolist()}\n" for T in TOOL * [1.0, 1.0, 1.0, 1e3]]
     path.write_text("# recorded by hand\n---\n" + "".join(rows).replace("1000.0]", "1.0]"))
-    assert "are they millimetres" in imported(path).notes[0]
+    assert "check whether they are millimetres" in imported(path).notes[0]
     check(imported(path, unit="mm"), tmp_path / "o.csv", R, P)
 
 
@@ -173,7 +173,7 @@ def test_a_hand_eye_calibration_reads_samples_directly(tmp_path: Path) -> None:
     path = tmp_path / "samples.yaml"
     path.write_text("".join(f"- {json.dumps(sample)}\n" for sample in samples))
     table, notes = pose_table(path)
-    assert any("effector_wrt_world is taken for the hand" in note for note in notes)
+    assert any("effector_wrt_world is treated as the hand" in note for note in notes)
     direct = read_pose_pairs(table)
     assert table.lines == tuple(range(1, len(samples) + 1))
     for one, other in ((direct.hand, pairs.hand), (direct.target, pairs.target)):

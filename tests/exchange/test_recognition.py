@@ -90,7 +90,7 @@ def test_a_mujoco_model_in_place_of_a_urdf(
     command = f"suta-calib import {shlex.quote(str(model))} --format mjcf --out 'my arm.urdf'"
     assert command in capsys.readouterr().err
     assert cli("init", model) == 2
-    assert "its chains end at 'hand'" in capsys.readouterr().err
+    assert "the chains of the file end at 'hand'" in capsys.readouterr().err
     new = tmp_path / "new"
     assert cli("init", model, "--tip", "hand", "--out", new) == 0
     assert str(new / "my arm.urdf") in capsys.readouterr().out

@@ -46,7 +46,7 @@ def test_a_tool_relative_to_a_reference_body_in_another_file(tmp_path: Path) -> 
     assert found.dropped == 1
     check(found, tmp_path / "o.csv", R[kept], P[kept])
     other.write_text("\n".join(lines[:-1]) + "\n")
-    with pytest.raises(InputError, match=r"reference.txt: found 11 rows; expected 12, as in"):
+    with pytest.raises(InputError, match=r"reference.txt: found 11 rows; expected 12 rows, as in"):
         imported(tool, reference=str(other))
 
 
@@ -63,14 +63,18 @@ def test_files_whose_rows_were_taken_at_other_times_are_refused(tmp_path: Path) 
     found = imported(tool, reference=str(same))
     check(found, tmp_path / "o.csv", R, P)
     later = recorded("later.csv", reference[:, :3], time + 0.1 * (time > 0.45))
-    with pytest.raises(InputError, match=r"later.csv:7: found a row of another time; expected the"):
+    with pytest.raises(
+        InputError, match=r"later.csv:7: found a row with another time; expected the"
+    ):
         imported(tool, reference=str(later))
 
 
 def test_a_reference_that_is_the_tool_itself_is_refused(tmp_path: Path) -> None:
     """Every pose would be that of no motion."""
     path = written(tmp_path / "tool.txt", T.reshape(-1, 16))
-    with pytest.raises(InputError, match=r"--reference: found .*tool.txt, the file itself"):
+    with pytest.raises(
+        InputError, match=r"--reference: found .*tool.txt, which is the file itself"
+    ):
         imported(path, reference=str(path))
     header = ",".join(f"tool_{n}" for n in ("x", "y", "z", "qx", "qy", "qz", "qw"))
     rows = np.hstack([P, Rotation.from_matrix(R).as_quat()])

@@ -39,7 +39,7 @@ def test_which_positions_is_asked(form: str, tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"--joint-names: found 2 names; expected 6"):
         imported(path, what="joints", joint_names="a,b")
     path.write_text("MODULE\nDEF a()\nmovej(here)\n")
-    with pytest.raises(InputError, match="found no positions; expected positions as"):
+    with pytest.raises(InputError, match="found no positions; expected positions in"):
         imported(path, form)
 
 
@@ -153,7 +153,7 @@ def test_the_seventh_joint_of_an_arm(tmp_path: Path) -> None:
         imported(path)
     found = imported(path, joint_names="a,b,c,d,e,f,g")
     np.testing.assert_allclose(found.columns["g"], np.deg2rad([-80, -60]))
-    assert "taken as degrees" in found.notes[0]
+    assert "treated as degrees" in found.notes[0]
     assert not imported(path, joint_names="a,b,c,d,e,f,g", external_unit="deg").notes
     with pytest.raises(InputError, match="expected 6 different ones, or 7 with eax_a"):
         imported(path, joint_names="a,b")
@@ -169,4 +169,4 @@ def test_the_seventh_joint_of_an_arm(tmp_path: Path) -> None:
 def test_poses_say_that_an_external_axis_moved(tmp_path: Path) -> None:
     path = tmp_path / "a.mod"
     path.write_text(ABB)
-    assert "eax_a, -101.6 to -101.6, is left out" in imported(path).notes[0]
+    assert "eax_a, -101.6 to -101.6, is not used" in imported(path).notes[0]

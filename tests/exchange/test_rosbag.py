@@ -60,8 +60,8 @@ def test_joints_alone_and_what_is_asked_for(tmp_path: Path) -> None:
     for options, says in (
         ({"body": "tol", "reference": "tracker"}, "no frame 'tol' in tf; expected one of base, t"),
         ({"body": "tool"}, "no --reference"),
-        ({"pose_topic": "/cam"}, "no topic '/cam' of that kind; expected one of /tool"),
-        ({"joint_topic": "/js"}, "no topic '/js' of that kind; expected one of /joint_states"),
+        ({"pose_topic": "/cam"}, "no topic '/cam' of this kind; expected one of /tool"),
+        ({"joint_topic": "/js"}, "no topic '/js' of this kind; expected one of /joint_states"),
     ):
         with pytest.raises(InputError, match=says):
             imported(path, **options)
@@ -81,7 +81,7 @@ def test_a_file_of_a_recording_stands_for_it(storage: str, tmp_path: Path) -> No
     (file,) = (each for each in path.iterdir() if each.suffix in (".db3", ".mcap"))
     assert len(imported(file, pose_topic="/tool")) == len(POSTURES)
     (path / "metadata.yaml").unlink()
-    with pytest.raises(InputError, match=r"no metadata.yaml beside it.*reindex"):
+    with pytest.raises(InputError, match=r"no metadata.yaml in its folder.*reindex"):
         imported(file)
 
 

@@ -59,7 +59,7 @@ def test_a_picture_of_each_rest_is_a_file(
 
 def test_what_is_asked_for_must_be_there(tmp_path: Path) -> None:
     path = write_recording(tmp_path / "run", encoding="mono8", camera_model="equidistant")
-    with pytest.raises(InputError, match=r"no topic '/cam' of that kind; expected one of /camera"):
+    with pytest.raises(InputError, match=r"no topic '/cam' of this kind; expected one of /camera"):
         imported(path, image_topic="/cam")
     found = imported(path, image_topic=TOPIC)
     assert found.camera is None
@@ -136,7 +136,7 @@ def test_a_camera_info_is_a_camera_or_says_why_not() -> None:
     for more, why in (
         ({"k": [0.0] * 9}, "was not calibrated"),
         ({"distortion_model": "rational_polynomial", "d": [0.0] * 8}, "not plumb_bob"),
-        ({"d": [float("nan")]}, "no number"),
+        ({"d": [float("nan")]}, "not a number"),
     ):
         none, said = camera_of(info(**more))
         assert none is None

@@ -281,7 +281,7 @@ ASKED: dict[str, tuple[Callable[[Path], Path], str]] = {
     ),
     "which angles": (
         lambda path: written(path, np.hstack([P, euler("xyz")])),
-        "any angles.*--rotation vector",
+        "kind of angles.*--rotation vector",
     ),
     "columns, or rows and a position": (
         lambda path: written(path, np.hstack([R.reshape(-1, 9), P])),
@@ -322,7 +322,7 @@ def test_the_unit_that_angles_were_taken_in_is_told(tmp_path: Path) -> None:
     """Few degrees may be rad: nothing in the file says."""
     path = written(tmp_path / "t.csv", np.hstack([P, 0.01 * euler("xyz")]))
     found = imported(path, rotation="xyz")
-    assert any("were taken for rad" in each for each in found.assessment.notes)
+    assert any("were treated as rad" in each for each in found.assessment.notes)
     assert not any("for rad" in each for each in imported(path, rotation="xyz", unit="rad").remarks)
 
 
@@ -330,7 +330,7 @@ def test_lengths_are_questioned_and_never_scaled(tmp_path: Path) -> None:
     path = written(tmp_path / "t.txt", 1e3 * P)
     found = imported(path, unit="m")
     assert found.assessment.level == "care"
-    assert "are they millimetres?" in found.assessment.notes[0]
+    assert "check whether they are millimetres" in found.assessment.notes[0]
     check(found, tmp_path / "o.csv", None, 1e3 * P)
 
 
@@ -356,16 +356,16 @@ REFUSED: dict[str, tuple[str, dict[str, object], str]] = {
     "a word": ("x,y,z\n1,2,3\n1,two,3\n", {}, r":3: column 2: found 'two'; expected a finite"),
     "infinity": ("x,y,z\n1,2,3\n1,inf,3\n", {}, r":3: column 2: found 'inf'"),
     "a short row": ("x,y,z\n1,2,3\n1,2\n", {}, r":3: found 2 cells; expected 3, as in the header"),
-    "decimal commas between commas": (
+    "decimal commas and commas between cells": (
         "x,y,z\n0,5,1,5,2,5\n1,5,2,5,3,5\n",
         {},
-        r":2: found 6 cells; expected 3, as in the header; decimal commas between commas\?",
+        r":2: found 6 cells; expected 3, as in the header; decimal commas and commas between",
     ),
     "a last line cut off": ("x,y,z\n1,2,3\n4\n", {}, r":3: found 1 cell; expected 3.*cut off"),
-    "no quaternion": ("x,y,z,qx,qy,qz,qw\n1,2,3,9,9,9,9\n", {}, r":2: .*no quaternion"),
+    "not a quaternion": ("x,y,z,qx,qy,qz,qw\n1,2,3,9,9,9,9\n", {}, r":2: .*not a quaternion"),
     "nothing": ("\n\n", {}, "an empty file"),
-    "a header only": ("x,y,z\n", {}, "a header and no data"),
-    "all missing": ("x,y,z\nNaN,NaN,NaN\n", {}, "no row in which all was measured"),
+    "a header only": ("x,y,z\n", {}, "a header without data"),
+    "all missing": ("x,y,z\nNaN,NaN,NaN\n", {}, "no complete row"),
     "unknown columns": ("u,v\n1,2\n", {"columns": "w=joint_1"}, "no column 'w'"),
     "two of a name": ("x,x,z\n1,2,3\n", {}, r":1: found the column 'x' more than once"),
     "an option of another": ("x,y,z\n1,2,3\n", {"topic": "a"}, "option 'topic' for the format"),
@@ -374,45 +374,53 @@ REFUSED: dict[str, tuple[str, dict[str, object], str]] = {
     "a unit of nothing": (
         "x,y,z\n1,2,3\n",
         {"unit": "deg"},
-        "--unit deg, and no columns of joint .*--j",
+        "--unit deg, but no columns of joint .*--j",
     ),
     "a unit of columns of any name": (
         "A1,A2,x,y,z,repeat\n10,20,1,2,3,1\n",
         {"unit": "deg"},
         "--joints A1,A2$",
     ),
-    "a length of nothing": ("joint_1,v\n1,2\n", {"unit": "mm"}, "--unit mm, and no columns of a p"),
+    "a length of nothing": ("joint_1,v\n1,2\n", {"unit": "mm"}, "--unit mm, but no columns of a p"),
     "lengths in two units": ("x,y,z\n1,2,3\n", {"unit": ("mm", "m")}, "--unit: found mm and m"),
     "two positions": (
         "tx,ty,tz,w,x,y,z\n1,2,3,1,0,0,0\n",
         {},
-        r":2: found tx, ty, tz and x, y, z, both a position.*--columns",
+        r":2: found tx, ty, tz and x, y, z, which are both a position.*--columns",
     ),
     "a quaternion of three": (
         "x,y,z,qx,qy,qz\n1,2,3,0,0,0\n",
         {},
-        r":2: found columns qx, qy, qz and no qw; expected all four",
+        r":2: found columns qx, qy, qz, but no qw; expected all four",
     ),
     "a quaternion of three, of a hand-eye pair": (
         "a_x,a_y,a_z,b_x,b_y,b_z,b_qx,b_qz,b_qw\n1,2,3,4,5,6,0,0,1\n",
         {},
-        r":2: found columns b_qx, b_qz, b_qw and no b_qy",
+        r":2: found columns b_qx, b_qz, b_qw, but no b_qy",
     ),
     "a unit for each axis": ("x_mm,y_m,z_mm\n1,2,3\n", {}, r":2: found columns x in mm, y in m, z"),
     "a unit for one axis": ("x_mm,y,z\n1,2,3\n", {}, r":2: found columns x in mm, y in no unit"),
     "positions twice": (
         "x_mm,y_mm,z_mm,x,y,z\n1,2,3,4,5,6\n",
         {},
-        r":2: found several columns of 'x', in units of their own",
+        r":2: found several columns of 'x' in different units",
     ),
     "an origin of joints": (
         "joint_1\n1\n2\n",
         {"origin": "first", "separator": "comma"},
         "--origin",
     ),
-    "angles of FIGAROH": ("x,y,z,phix,phiy,phiz\n1,1,1,0,0,1\n", {}, "phix, phiy, phiz, which may"),
-    "far away": ("x,y,z\n100,200,300\n", {}, r":2: found positions some 374 m away.*--unit mm"),
-    "both units": ("x_mm,y_mm,z_mm\n1,2,3\n", {"unit": "m"}, "named as mm, with --unit m"),
+    "angles of FIGAROH": (
+        "x,y,z,phix,phiy,phiz\n1,1,1,0,0,1\n",
+        {},
+        "phix, phiy, phiz, which could",
+    ),
+    "far away": ("x,y,z\n100,200,300\n", {}, r":2: found positions about 374 m away.*--unit mm"),
+    "both units": (
+        "x_mm,y_mm,z_mm\n1,2,3\n",
+        {"unit": "m"},
+        "with mm in their names, but --unit m",
+    ),
 }
 
 

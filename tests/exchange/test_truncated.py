@@ -141,6 +141,6 @@ def test_fewer_frames_than_a_file_states_are_refused(tmp_path: Path) -> None:
     sample = SAMPLES["motive"](tmp_path)
     text = sample.path.read_text().replace("Length", "Total Exported Frames,9,Length")
     sample.path.write_text(text)
-    with pytest.raises(InputError, match=r"8 frames; expected 9, as the file says; .*--whole"):
+    with pytest.raises(InputError, match=r"8 frames; expected 9, as the file states; .*--whole"):
         imported(sample.path, **sample.options)
     assert len(imported(sample.path, **sample.options, whole=True)) == 7

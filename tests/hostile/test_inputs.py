@@ -174,7 +174,7 @@ def test_a_link_to_nothing_is_not_passed_over(scene: Path, tmp_path: Path, capsy
     finally:
         link.unlink()
     assert "calibration.yaml:6: " in line
-    assert "day2.csv, a link to /archive/day2.csv, which is not there" in line
+    assert "day2.csv, a link to /archive/day2.csv, which does not exist" in line
 
 
 def test_a_file_that_is_cut_in_its_last_number(

@@ -95,7 +95,7 @@ def test_how_an_arm_was_made_is_guessed(
     assert reason in why
     assert cli("init", arm.chain.path, "--tip", LAST, "--out", tmp_path / "job") == 0
     shown = capsys.readouterr().err
-    assert f"taken to be {grade} (" in shown
+    assert f"guessed as {grade} (" in shown
     assert why in shown
     # Into the job, too, in lines of a comment.
     job = (tmp_path / "job/calibration.yaml").read_text()

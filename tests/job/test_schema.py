@@ -155,7 +155,7 @@ FIXED_POINT = "kind: fixed_point, samples: 'validation/*.csv'"
         (ROW, "select: a, fxed: true", 6, r"parameters\[3\].fxed: .* did you mean 'fixed'?"),
         ("huber_mm", "huber_m", 8, r"observations\[0\].huber_m: .* did you mean 'huber_mm'?"),
         ("seed: 3", "sede: 3", 13, "solver.sede: .* did you mean 'seed'?"),
-        ("seed: 3", "starts: 3", 13, "the key 'starts' a second time"),
+        ("seed: 3", "starts: 3", 13, "the key 'starts' twice"),
         # what is missing or empty
         (section("arm"), "", None, "arm: found no such key"),
         (

@@ -112,6 +112,6 @@ def test_a_link_that_moves_has_no_place_for_it(
     job.write_text(text)
     assert cli("observe", job) == 2
     error = capsys.readouterr().err
-    assert "a tip that a fixed joint holds, whose <origin> is where calibrated.urdf keeps" in error
+    assert "a tip on a fixed joint, because calibrated.urdf stores" in error
     assert "a column 'target'" in error
     assert f"{job}:1" in error

@@ -108,7 +108,7 @@ def test_samples_of_unknown_landmarks_are_refused_with_their_row() -> None:
 def test_impossible_artefacts_in_memory() -> None:
     with pytest.raises(ArtefactError, match="found no landmarks"):
         artefact()
-    with pytest.raises(ArtefactError, match="found 'B' and 'C' in the same place"):
+    with pytest.raises(ArtefactError, match="found 'B' and 'C' at the same place"):
         artefact([0, 0, 0], [0, 1, 0], [0, 1, 0.9e-6])
     assert len(artefact([0, 0, 0], [0, 0, 1.1e-6]).landmarks) == 2
 
@@ -130,7 +130,7 @@ AT = "position_mm: [1, 0, 0]"
         ("name: 3\n" + A, 1, "name: found 3; expected text; put it in quotes"),
         ("name: \n" + A, 1, "name: found nothing"),
         ("nam: x\n" + A, 1, "nam: found an unknown key; .* did you mean 'name'?"),
-        (A + "  A: {position_mm: [1, 0, 0]}\n", 3, "the key 'A' a second time"),
+        (A + "  A: {position_mm: [1, 0, 0]}\n", 3, "the key 'A' twice"),
         (A + "  ' A': {position_mm: [1, 0, 0]}\n", 1, "landmarks: found an empty or repeated name"),
         (A + "  '': {position_mm: [1, 0, 0]}\n", 1, "landmarks: found an empty or repeated name"),
         (
@@ -141,7 +141,7 @@ AT = "position_mm: [1, 0, 0]"
         (
             B + "{position_mm: [0.07, 0, 0.02]}\n",
             1,
-            "landmarks: found landmarks that lie within 0.07 mm of one another; expected positions "
+            "landmarks: found all landmarks within 0.07 mm of one another; expected positions "
             "in mm; these look like metres",
         ),
         (B + "3\n", 3, "landmarks.B: found 3; expected a mapping"),

@@ -110,7 +110,7 @@ def test_points_are_numbered_along_the_rows_and_around_a_marker() -> None:
         ),
         (
             TYPE + "markers\n" + D + "markers: {x: {position_mm: [0, 0, 0], size_mm: 8}}\n",
-            "s number",
+            "number of the marker",
         ),
         (TYPE + "markers\n" + D + "markers: {7: {position_mm: [0, 0, 0]}}\n", "size_mm"),
     ],
@@ -186,7 +186,7 @@ def test_corners_are_told_from_others_by_what_their_file_says(tmp_path: Path) ->
     [
         ("image_width: 1920\n", "", "image_width: found no such key"),
         ("plumb_bob", "equidistant", "expected plumb_bob"),
-        ("1371.0, 0,", "1.371, 0,", "the focal length is in pixels"),
+        ("1371.0, 0,", "1.371, 0,", "the focal length must be in pixels"),
         ("1371.0, 0,", ".inf, 0,", "a finite number"),
         ("1371.0, 0,", "1371.0, 2.5,", "without skew"),
         ("959.5", "2959.5", "a principal point in the picture"),
@@ -194,7 +194,7 @@ def test_corners_are_told_from_others_by_what_their_file_says(tmp_path: Path) ->
         ("[0.1, 0, 0, 0, 0]", "[0.1, 0, 0, 0, 0, 0.2, 0, 0]", "five: k1, k2, p1, p2, k3"),
         ("0, 0, 1]}\nd", "0, 0, 1\nd", "text that is not YAML"),
         (NAME, "covariance: {data: [1, 2]}", "a list of 81 numbers"),
-        (NAME, f"covariance: {{data: [{', '.join(['1', *['2'] * 80])}]}}", "no covariance"),
+        (NAME, f"covariance: {{data: [{', '.join(['1', *['2'] * 80])}]}}", "not a covariance"),
     ],
 )
 def test_a_camera_that_is_none_is_refused(tmp_path: Path, old: str, new: str, said: str) -> None:
@@ -244,7 +244,7 @@ def test_corners_are_written_and_read_back(tmp_path: Path) -> None:
         ("a.png,0,1,2\nb.png,0,1,2\na.png,0,3,4\n", "corners.csv:4: image a.png, point 0: found"),
         ("a.png,0,1e9,2\n", "column 'u'"),
         ("a.png,0,1\n", "ends in the middle of a row"),
-        ("", "a header and no data"),
+        ("", "a header without data"),
     ],
 )
 def test_corners_that_cannot_be_used_are_refused(tmp_path: Path, rows: str, said: str) -> None:
@@ -262,7 +262,7 @@ def test_corners_of_another_board_or_picture_are_refused() -> None:
     with pytest.raises(SamplesError, match="found point 11; expected a number from 0 to 5"):
         corners.check(Chessboard(3, 2, 0.05), camera)
     outside = corners_of(["a"], [0], [[640.0, 2.0]])
-    with pytest.raises(SamplesError, match=r"640\.0, 2\.0 px; expected one in the picture"):
+    with pytest.raises(SamplesError, match=r"640\.0, 2\.0 px; expected a corner in the picture"):
         outside.check(Chessboard(4, 3, 0.05), camera)
 
 

@@ -81,7 +81,10 @@ REFUSED = {
     "another camera": (KALIBR.replace("pinhole", "omni"), r":3: cam0.camera_model: found 'omni'"),
     "kalibr's fisheye": (KALIBR.replace("radtan", "equidistant"), r":5: .*the fisheye model"),
     "binned": (MESSAGE.replace("binning_x: 0", "binning_x: 2"), "found pictures binned by 2"),
-    "a part": (MESSAGE.replace("x_offset: 0", "x_offset: 8"), "roi: found a part of the picture"),
+    "a part": (
+        MESSAGE.replace("x_offset: 0", "x_offset: 8"),
+        "roi: found only a part of the picture",
+    ),
     "no number": (MESSAGE.replace("- 478.0", "- x"), r":21: camera_matrix.data\[5\]: found 'x'"),
     "not calibrated": (MESSAGE.replace("1187.0", "0.0"), "fx = 0 px"),
 }

@@ -111,7 +111,7 @@ def test_metres_that_a_program_took_for_millimetres(tmp_path: Path) -> None:
     numbers = pivot_numbers(["left"] * 6)
     numbers[:, :3] *= 1e-3
     path = write_csv(tmp_path / "p.csv", POSE, numbers)
-    with pytest.warns(SutaCalibWarning, match="were metres read as mm"):
+    with pytest.warns(SutaCalibWarning, match="If metres were read as mm"):
         found = read_tool_poses(path)
     assert found.unit_notes
 
@@ -125,14 +125,14 @@ def test_a_single_far_position_is_no_other_unit(tmp_path: Path) -> None:
 def test_a_repeated_pose_is_told(tmp_path: Path) -> None:
     numbers = pivot_numbers(["left"] * 6)
     path = write_csv(tmp_path / "p.csv", POSE, numbers[[0, 1, 2, 3, 3, 3]])
-    with pytest.warns(SutaCalibWarning, match="found 2 rows repeating another"):
+    with pytest.warns(SutaCalibWarning, match="found 2 rows that repeat another"):
         assert len(read_tool_poses(path).position) == 6
 
 
 @pytest.mark.parametrize("rows", [[0] * 6, [0, 1] * 4])
 def test_copies_of_one_or_two_poses_are_refused(tmp_path: Path, rows: list[int]) -> None:
     path = write_csv(tmp_path / "p.csv", PAIR, pair_numbers(3, "eye-in-hand")[rows])
-    with pytest.raises(SamplesError, match=f"all but {len(set(rows))} repeating.*at least 3"):
+    with pytest.raises(SamplesError, match=f"all but {len(set(rows))} repeat .*at least 3"):
         read_pose_pairs(path)
 
 
@@ -142,7 +142,7 @@ def test_a_fiducial_may_be_there_twice_but_not_only_it(tmp_path: Path) -> None:
     twice = write_csv(tmp_path / "a.csv", ("x", "y", "z"), a[[0, 1, 2, 3, 3]])
     assert len(read_corresponding_points(twice, file_b)[0].position) == 5
     write_csv(twice, ("x", "y", "z"), a[[0, 0, 1, 1, 1]])
-    with pytest.raises(SamplesError, match=r"a\.csv: found 5 rows, all but 2 repeating"):
+    with pytest.raises(SamplesError, match=r"a\.csv: found 5 rows, of which all but 2 repeat"):
         read_corresponding_points(twice, file_b)
 
 
@@ -163,7 +163,9 @@ def test_different_numbers_of_rows(tmp_path: Path) -> None:
     a, b = point_numbers(6)
     parts = {"a.csv": a, "b.csv": b[:5]}
     files = [write_csv(tmp_path / name, ("x", "y", "z"), part) for name, part in parts.items()]
-    with pytest.raises(SamplesError, match=r"b\.csv: found 5 rows; expected 6, as in .*a\.csv"):
+    with pytest.raises(
+        SamplesError, match=r"b\.csv: found 5 rows; expected 6 rows, as in .*a\.csv"
+    ):
         read_corresponding_points(*files)
 
 

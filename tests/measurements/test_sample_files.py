@@ -29,9 +29,9 @@ from suta_calib.measurements import (
     [
         (b"", None, "an empty file"),
         (b"\n# nothing\n", None, "an empty file"),
-        (b"\nj1,point\n", 2, "a header and no data"),
+        (b"\nj1,point\n", 2, "a header without data"),
         (b"j1,point,j1\n0,A,0\n", 1, "'j1' more than once"),
-        (b"j1;point\n0;A\n", 1, "separated by commas; suta-calib import makes"),
+        (b"j1;point\n0;A\n", 1, "separated by commas; suta-calib import converts"),
         (b"j1,point\n0,A\n0\n0,A\n", 3, "found 1 cells; expected 2"),
         (b"j1,point\n0,A\n0,A,B\n", 3, "found 3 cells; expected 2"),
         (b"j1,point\n0,A\n0.", 3, "in the middle of a row"),
@@ -43,8 +43,8 @@ from suta_calib.measurements import (
         (b"j1,points\n0,A\n", 1, "column 'point': .*this kind needs point; did you mean 'points'"),
         (b"j1,point\n0,A\nhigh,B\n", 3, "column 'j1': found 'high'"),
         (b'j1,point\n"0,5",A\n', 2, "'0,5'; expected a finite number; a decimal comma.*import"),
-        ("j1,point\n0,A\n".encode("utf-16-le"), 1, "bytes that are zero.*UTF-16"),
-        (b"j1,point\n0,A\n\0\0\0", 3, "bytes that are zero.*not written to its end"),
+        ("j1,point\n0,A\n".encode("utf-16-le"), 1, "zero bytes.*UTF-16"),
+        (b"j1,point\n0,A\n\0\0\0", 3, "zero bytes.*the file is incomplete"),
         (b"j1,point\n,A\n", 2, "column 'j1': found ''"),
         (b"j1,point\n1_0,A\n", 2, "column 'j1': found '1_0'"),
         (b"j1,point\nnan,A\n", 2, "column 'j1': found 'nan'"),
@@ -140,18 +140,21 @@ def test_a_slide_that_is_read_far_beyond_its_range_is_told_of_once(tmp_path: Pat
     assert read.q.T.tolist() == [[0.3, 0.61, -0.3] * 2]
     (only,) = told
     assert "a.csv:3: found 0.61 m for lift; expected its range [0, 0.4] m" in str(only.message)
-    assert "4 of 6 samples are so far beyond it, by up to 0.3 m" in str(only.message)
+    assert "4 of 6 samples are beyond it, by up to 0.3 m" in str(only.message)
 
 
 def test_what_no_unit_makes_a_reading_of_a_slide_is_called_none(tmp_path: Path) -> None:
     error = refusal(tmp_path, "lift,point\n0,A\n9999,A\n", TOUCHED, PRISMATIC)
-    assert error.hint == "is it another joint's column?"
+    assert error.hint == "check whether the column belongs to another joint"
 
 
 @pytest.mark.parametrize(
     ("column", "hint"),
     [
-        ([8.0, 7.2, 6.9], "a whole turn (360 deg) more than its range, and the other joints are"),
+        (
+            [8.0, 7.2, 6.9],
+            "a whole turn (360 deg) more than its range, although the other joints are",
+        ),
         ([1.7, 0.9, 8.0], "a whole turn (360 deg) more than its range"),  # it jumped
         ([-8.0, -7.2, -5.3], "a whole turn (360 deg) less than its range"),
         ([12.7, 12.1, 13.5], "2 whole turns (720 deg) more than its range"),

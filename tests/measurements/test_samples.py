@@ -98,7 +98,7 @@ def test_optional_orientation(tmp_path: Path) -> None:
     )
     for order in ([without, with_], [with_, without]):
         with pytest.raises(
-            SamplesError, match=r"without\.csv: found no orientation, but .*with\.c"
+            SamplesError, match=r"without\.csv: found no orientation, although .*with\.c"
         ):
             read_samples(order, [REVOLUTE], TRACKED)
 

@@ -38,13 +38,17 @@ Q = np.array([[0.3, -0.2], [-0.9, 0.4]])
 BASE, TIP = '<link name="base"/>', '<link name="tip"/>'
 FAULTS = {
     # What is replaced by what, and the note, if the file deserves one.
-    "effort off the chain": ('effort="1" ', 'effort="-1" ', "effort is not used (line 15)"),
-    "effort on the chain": ('effort="10"', 'effort="-1"', "effort is not used (lines 9, 12)"),
-    "velocity": ('velocity="1"', 'velocity="-1"', "velocity is not used (lines 9, 12, 15)"),
-    "effort in words": ('effort="1" ', 'effort="unknown" ', "effort is not used (line 15)"),
+    "effort off the chain": ('effort="1" ', 'effort="-1" ', "effort is ignored (line 15)"),
+    "effort on the chain": ('effort="10"', 'effort="-1"', "effort is ignored (lines 9, 12)"),
+    "velocity": ('velocity="1"', 'velocity="-1"', "velocity is ignored (lines 9, 12, 15)"),
+    "effort in words": ('effort="1" ', 'effort="unknown" ', "effort is ignored (line 15)"),
     "limits the other way round": ('lower="-1" upper="1"', 'lower="1" upper="-1"', "below its"),
     "loose link": (BASE, '<link name="world"/>' + BASE, "'world'"),
-    "limits of nothing": ('lower="-1" upper="1"', 'lower="0" upper="0"', "below its upper one is"),
+    "limits of nothing": (
+        'lower="-1" upper="1"',
+        'lower="0" upper="0"',
+        "below its upper limit is",
+    ),
     "no limit": ('<limit lower="-1" upper="1" effort="10" velocity="1"/>', "", "without <limit>"),
     "no name": ('<robot name="r">', "<robot>", "<robot> has no name (line 1)"),
     "no effort": (' effort="10" velocity="1"', "", ""),
@@ -72,7 +76,7 @@ FAULTS = {
     "odd origin off the chain": (
         '<parent link="tip"/>',
         '<origin xyz="a b"/><parent link="tip"/>',
-        "no three numbers",
+        "not three numbers",
     ),
     "odd axis off the chain": ('<axis xyz="0 1 0"/>', '<axis xyz="0 0 0"/>', ""),
     "odd type off the chain": ('"grip" type="revolute"', '"grip" type="hinge"', ""),
@@ -116,9 +120,7 @@ def test_a_joint_whose_limits_are_none_has_none(tmp_path: Path) -> None:
 def test_init_reads_it_and_says_so(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     urdf = written(tmp_path / "arm.urdf", SOUND.replace('effort="1" ', 'effort="-1" '))
     assert cli("init", urdf, "--tip", "tip", "--out", tmp_path / "job") == 0
-    assert (
-        f"{urdf}: an impossible limit of effort is not used (line 15)." in capsys.readouterr().err
-    )
+    assert f"{urdf}: an impossible limit of effort is ignored (line 15)." in capsys.readouterr().err
     assert (tmp_path / "job/calibration.yaml").is_file()
 
 

@@ -78,7 +78,7 @@ def test_the_chain_may_start_above_the_root(urdf: Path) -> None:
         ('lower="-1" upper="2" ', ""),
     ],
     ids=[
-        "off the chain",
+        "outside the chain",
         "of no type",
         "namespace",
         "undeclared prefix",
@@ -87,7 +87,7 @@ def test_the_chain_may_start_above_the_root(urdf: Path) -> None:
     ],
 )
 def test_what_is_nobodys_business(urdf: Path, old: str, new: str) -> None:
-    """Joints of other types off the chain, namespaces; limits that are not given are none."""
+    """Joints of other types outside the chain, namespaces; limits that are not given are none."""
     assert old in ARM
     urdf.write_text(ARM.replace(old, new))
     turn, *others = read_chain(urdf, "tip").joints

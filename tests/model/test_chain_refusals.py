@@ -48,7 +48,7 @@ REPLACEMENTS = {
     "link": (
         '<link name="upper"/>',
         "",
-        "'upper', which no <link> declares",
+        "'upper', which is not defined",
         '<child link="upper"',
     ),
     "no parent": ('<parent link="upper"/>', "", "joint 'push': found no <parent>", '"push"'),
@@ -71,8 +71,8 @@ REPLACEMENTS = {
     "floating": (
         '"spin" type="continuous"',
         '"spin" type="floating"',
-        "type 'floating'; expected revolute, continuous, prismatic or fixed on the chain; name its "
-        "child as the base: 'wrist'",
+        "type 'floating'; expected revolute, continuous, prismatic or fixed in the chain; choose "
+        "its child as the base: 'wrist'",
         '"spin"',
     ),
     "planar": ('"spin" type="continuous"', '"spin" type="planar"', "type 'planar'", '"spin"'),
@@ -81,7 +81,7 @@ REPLACEMENTS = {
     "mimic": (
         '<origin rpy="0 0 1"/>',
         '<mimic joint="trun"/>',
-        "joint 'spin': <mimic>: found the joint 'trun', which no <joint> declares",
+        "joint 'spin': <mimic>: found the joint 'trun', which is not defined",
         "<mimic",
     ),
     "count": ("0 0.1 -2e-1", "0 0.1", "<origin>: found xyz='0 0.1'; expected 3 finite", "<origin"),

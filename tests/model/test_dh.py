@@ -173,7 +173,7 @@ def test_a_file_holds_a_table(convention: str, tmp_path: Path):
         ("joint,theta_deg,d_mm,a_mm,alpha_deg\nj,0,nan,0,0\n", "dh.csv:2: column 'd_mm'"),
         ("joint,type,theta_deg,d_mm,a_mm,alpha_deg\nj,R,0,0,0,0\n", "revolute, prismatic, fixed"),
         ("joint,theta_deg,d_mm,a_mm,alpha_deg\nj,0,0,0,0\nj,0,0,0,0\n", "the joint 'j' twice"),
-        ("joint,type,theta_deg,d_mm,a_mm,alpha_deg\nj,fixed,0,0,0,0\n", "nothing moves"),
+        ("joint,type,theta_deg,d_mm,a_mm,alpha_deg\nj,fixed,0,0,0,0\n", "without moving joints"),
     ],
 )
 def test_what_is_no_table_is_refused_by_name(text: str, said: str, tmp_path: Path):
@@ -188,5 +188,5 @@ def test_what_is_no_table_is_refused_by_name(text: str, said: str, tmp_path: Pat
 def test_another_arms_table_is_no_guide():
     arm = ArmModel.from_urdf(REPOSITORY / "urdf/suta.urdf", "tip")
     other = DhTable("classic", (DhRow("elbow", "revolute", 0.0, 0.0, 0.0, 0.0),))
-    with pytest.raises(UrdfError, match=r"joints elbow; expected one of the same joints"):
+    with pytest.raises(UrdfError, match=r"joints elbow; expected a table of the same joints"):
         dh_table(arm, like=other)

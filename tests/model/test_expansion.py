@@ -222,5 +222,7 @@ def test_temperatures_are_read_back(tmp_path: Path) -> None:
     other = tmp_path / "b.csv"
     other.write_text("\n".join(row.rpartition(",")[0] for row in rows))
     write_samples(file, samples)
-    with pytest.raises(SamplesError, match=r"b\.csv: found no column 'temperature', but .*a\.csv"):
+    with pytest.raises(
+        SamplesError, match=r"b\.csv: found no column 'temperature', although .*a\.csv"
+    ):
         read_samples([file, other], ranges, columns)

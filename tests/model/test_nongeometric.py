@@ -69,7 +69,9 @@ def test_an_arm_without_masses_says_so(tmp_path: Path, suta_urdf: Path) -> None:
 def test_a_joint_that_slides_has_none_and_it_is_said(key: str) -> None:
     arm = arm_named("tiago")
     (sliding,) = [j.name for j in arm.chain.moving if j.type == "prismatic"]
-    with pytest.raises(ParameterError, match=f"'{sliding}.{re.escape(key)}', and {sliding} slides"):
+    with pytest.raises(
+        ParameterError, match=f"'{sliding}.{re.escape(key)}', but {sliding} is prismatic"
+    ):
         arm.select(f"{sliding}.{key}")
 
 

@@ -226,10 +226,10 @@ FOLLOWED = 'mimic joint="finger_1"'
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
-        (FOLLOWED, 'mimic joint="finger_0"', "'finger_0', which no <joint> declares; expected a j"),
+        (FOLLOWED, 'mimic joint="finger_0"', "'finger_0', which is not defined; expected a j"),
         (FOLLOWED, 'mimic joint="finger_3"', "a loop: 'finger_2' follows 'finger_3' follows 'fin"),
         (FOLLOWED, 'mimic joint="finger_2"', "found a loop: 'finger_2' follows 'finger_2'"),
-        (FOLLOWED, 'mimic joint="left_flange"', "which is fixed: it has no single reading; expec"),
+        (FOLLOWED, 'mimic joint="left_flange"', "which is fixed and has no single reading; expec"),
         ('multiplier="-4"', 'multiplier="four"', "found multiplier='four'; expected a finite"),
         (FOLLOWED, "mimic", "found no joint"),
     ],

@@ -130,7 +130,7 @@ def test_numbers_that_are_not_finite_are_not_written(awkward: Path, bad: float) 
         (AWKWARD.replace("utf-8", "shift_jis").encode("ascii", "replace"), "multi-byte"),
         (AWKWARD.replace("utf-8", "klingon").encode(), "unknown encoding"),
         (AWKWARD.replace("</robot>", "").encode(), r"arm\.urdf:\d+: found text that cannot be"),
-        (AWKWARD.replace('"push"', '"turn"').encode(), r"'turn' a second time"),
+        (AWKWARD.replace('"push"', '"turn"').encode(), r"'turn' twice"),
     ],
     ids=["utf-16", "shift_jis", "klingon", "not xml", "twice"],
 )

@@ -56,7 +56,7 @@ def test_the_screen_says_what_counts(
 @pytest.mark.parametrize(
     ("options", "said"),
     [
-        (["--board", "b.yaml"], "belong to --corners"),
+        (["--board", "b.yaml"], "need --corners"),
         (["--corners", "c.csv"], "--corners needs --board"),
         (["--corners", "c.csv", "--board", "b.yaml", "--intrinsics", "fixed"], "needs --camera"),
         (
@@ -82,4 +82,4 @@ def test_a_corner_outside_the_cameras_picture_is_refused(tmp_path: Path, capsys:
     assert cli("hand-eye", *options) == 2
     err = capsys.readouterr().err
     assert "corners.csv:" in err
-    assert f"one in the picture, which is {CAMERA.width} x {CAMERA.height} px" in err
+    assert f"a corner in the picture, which is {CAMERA.width} x {CAMERA.height} px" in err

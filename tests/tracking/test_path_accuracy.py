@@ -396,4 +396,4 @@ def test_urdf_and_tip_go_together(files, capsys):
     assert cli("dynamics", *files, "--urdf", SUTA_URDF) == 2
     assert "--urdf needs --tip" in capsys.readouterr().err
     assert cli("dynamics", *files, "--tip", "tip") == 2
-    assert "give it with --urdf" in capsys.readouterr().err
+    assert "give the arm with --urdf" in capsys.readouterr().err

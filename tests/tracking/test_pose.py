@@ -188,7 +188,7 @@ def test_results_that_do_not_fit_are_refused(
 
 def test_the_nominal_urdf_is_not_what_was_calibrated(scene: Calibrated):
     known = read_uncertainty(scene.path, scene.nominal)
-    with pytest.raises(InputError, match=r"joint_4\.z: found 0\.574 m, and 0\.571 m in the URDF"):
+    with pytest.raises(InputError, match=r"joint_4\.z: found 0\.574 m, but 0\.571 m in the URDF"):
         TipKinematics(scene.nominal, NO_TOOL, known)
 
 

@@ -238,7 +238,7 @@ def test_a_row_that_hardly_matters_is_told_with_care():
     assert [(each.kind, each.spoils) for each in found.faults] == [("wild", False)]
     assert found.assessment.level == "care"
     assert "1 row is away from the rows before and after by" in found.assessment.notes[0]
-    assert "(row 500, at 5.000 s): leave it out." in found.assessment.notes[0]
+    assert "(row 500, at 5.000 s). Leave it out." in found.assessment.notes[0]
 
 
 def test_several_of_a_kind_are_one_note():

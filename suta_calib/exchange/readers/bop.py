@@ -22,7 +22,7 @@ class BopReader(Reader):
     """``T_camera_object`` of every object (``cam_R_m2c``, ``cam_t_m2c``), in mm."""
 
     name = "bop"
-    summary = "BOP scene_gt.json: objects in the camera, by picture"
+    summary = "BOP scene_gt.json: poses of objects in the camera frame, by picture"
     example = "scene_gt.json --format bop --body object_1 --out poses.csv"
     options = (*BODY_OPTIONS, UNIT)
     suffixes = (".json",)
@@ -38,7 +38,7 @@ class BopReader(Reader):
                     (int(picture), numbers)
                 )
         if not series:
-            raise ForeignFileError("no objects", "cam_R_m2c and cam_t_m2c of some", file=path)
+            raise ForeignFileError("no objects", "objects with cam_R_m2c and cam_t_m2c", file=path)
         by_name = {
             name: PoseSeries(
                 np.stack([numbers for _, numbers in poses]), [k for k, _ in poses], [1] * len(poses)
@@ -58,5 +58,5 @@ def _numbers(path: Path, picture: str, pose: Any) -> Any:
         numbers = np.full((3, 4), np.nan)
     if not np.isfinite(numbers).all():
         expected = "a number, with cam_R_m2c (9 numbers) and cam_t_m2c (3 numbers)"
-        raise ForeignFileError("another picture", expected, file=path, where=picture)
+        raise ForeignFileError("a different picture", expected, file=path, where=picture)
     return numbers

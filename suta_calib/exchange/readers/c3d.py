@@ -65,5 +65,5 @@ class C3dReader(Reader):
             for k, name in enumerate(names[: points.shape[1]])
         }
         time = np.array(lines) / rate if rate > 0 else None
-        recording = Recording(path, bodies, time, f"in {unit}, as the file says")
+        recording = Recording(path, bodies, time, f"in {unit}, as the file states")
         return recording.imported(self.name, given)

@@ -29,7 +29,7 @@ class ColmapReader(Reader):
     """
 
     name = "colmap"
-    summary = "COLMAP images.txt: the world seen from each picture's camera"
+    summary = "COLMAP images.txt: pose of the world in the camera frame of each picture"
     example = "images.txt --format colmap --out poses.csv"
     options = (*BODY_OPTIONS, UNIT, COMPLETE)
     suffixes = (".txt",)
@@ -42,7 +42,9 @@ class ColmapReader(Reader):
         rows = rows_of_text(path, text, " ")
         pictures = [row for row in rows if len(row.cells) == _CELLS and not row.cells[9].isdigit()]
         if not pictures:
-            raise ForeignFileError("no pictures", "lines of ten cells, a name last", file=path)
+            raise ForeignFileError(
+                "no pictures", "lines of ten cells, with a name at the end", file=path
+            )
         lines = [row.line for row in pictures]
         numbers = numbers_of(path, pictures, range(1, 8))
         rotation = rotations_from("wxyz", numbers[:, :4], path, lines)

@@ -13,14 +13,14 @@ from suta_calib.exchange.reader import Reader
 from suta_calib.exchange.truncated import COMPLETE, check_end_of_rows
 from suta_calib.job.dh_file import read_dh_table
 
-ROBOT: Final = Option("robot", "What the robot is called.", "NAME")
+ROBOT: Final = Option("robot", "Name of the robot.", "NAME")
 
 
 class DhReader(Reader):
     """A table with its header, as `job.dh_file` describes it."""
 
     name = "dh"
-    summary = "Denavit-Hartenberg table (classic or modified) as CSV: a URDF"
+    summary = "Denavit-Hartenberg table (classic or modified) as CSV, to a URDF"
     example = "arm_dh.csv --format dh --robot arm --out arm.urdf"
     signature = re.compile(r"\A\s*(?=[^\r\n]*theta)(?=[^\r\n]*alpha)[^\r\n]*joint", re.IGNORECASE)
     options = (ROBOT, COMPLETE)

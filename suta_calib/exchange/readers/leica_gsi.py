@@ -75,10 +75,10 @@ class LeicaGsiReader(Reader):
                 continue
             words = {m[1]: (m[2], m[3], m[4]) for m in _WORD.finditer(content)}
             if _POINT not in words:
-                problem = f"{content[:40]!r}, without the word {_POINT} of a point"
-                raise ForeignFileError(problem, "a line of GSI", file=path, line=number)
+                problem = f"{content[:40]!r}, which does not contain the word {_POINT} of a point"
+                raise ForeignFileError(problem, "a GSI line", file=path, line=number)
             if len({len(digits) for _, _, digits in words.values()}) > 1:
-                mixed = "words of 8 and of 16 characters"
+                mixed = "words of both 8 and 16 characters"
                 raise ForeignFileError(mixed, "words of one length", file=path, line=number)
             place = _place(path, number, words)
             if place is None:
@@ -88,7 +88,7 @@ class LeicaGsiReader(Reader):
             places.append(place)
             lines.append(number)
         position, remarks = from_origin(path, lines, np.array(places).reshape(-1, 3), given)
-        notes = distance_notes(position, "lengths as the words' units say")
+        notes = distance_notes(position, "lengths in the units of the words")
         if notes and not remarks:
             notes = (f"{notes[0]} Or {GRID_HINT}.",)
         return ImportedRows(

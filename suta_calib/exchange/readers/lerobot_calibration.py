@@ -25,10 +25,11 @@ from suta_calib.words import listed
 
 BUS: Final = Option(
     "bus",
-    "Which servos they are, so that they are asked themselves; lines for a program that does.",
+    'Type of the servos, which are then polled directly; "lines" if a program sends their '
+    "readings.",
     choices=(FEETECH, DYNAMIXEL, LINES),
 )
-PORT: Final = Option("port", "Port of the device, for device.yaml.", "/dev/…")
+PORT: Final = Option("port", "Port of the device, written to device.yaml.", "/dev/…")
 
 
 class LerobotCalibrationReader(Reader):
@@ -79,13 +80,13 @@ class LerobotCalibrationReader(Reader):
             comment += "the servo has taken its homing offset, as a line of counts."
         remarks = list[str]()
         if PORT not in given:
-            remarks.append(f"The port is {device['port']}, unless --port says else.")
+            remarks.append(f"The port is {device['port']}; choose another with --port.")
         if BUS not in given and bus != LINES:
-            remarks.append(f"The servos are {bus}, unless {BUS.switch} says else.")
+            remarks.append(f"The servos are {bus}; choose another type with {BUS.switch}.")
         if turned := [name for name, motor in motors.items() if motor["drive_mode"]]:
             remarks.append(
-                f"drive_mode of {listed(turned)} is not applied, as in LeRobot's degrees: "
-                "readings count as the servo's Present_Position does."
+                f"drive_mode of {listed(turned)} is not applied, as for LeRobot's degrees: "
+                "readings have the direction of the servo's Present_Position."
             )
         return ImportedFile(
             source=path,

@@ -23,7 +23,9 @@ from suta_calib.units import from_deg
 from suta_calib.words import listed
 
 STATE_UNIT: Final = Option(
-    "state_unit", "Of the recorded states: a dataset does not say.", choices=("deg", "rad")
+    "state_unit",
+    "Unit of the recorded states, which the dataset does not contain.",
+    choices=("deg", "rad"),
 )
 _STATE: Final = "observation.state"
 _COLUMNS: Final = (_STATE, "timestamp", "episode_index")
@@ -52,8 +54,8 @@ class LerobotDatasetReader(Reader):
         names = _motors(path / "meta" / "info.json", info)
         unit = given.text(STATE_UNIT)
         if not unit:
-            problem = "states, and not in which unit"
-            expected = "deg or rad: a share of a motor's range is no angle"
+            problem = "states without their unit"
+            expected = "deg or rad: a share of a motor's range is not an angle"
             raise given.refuse(STATE_UNIT, problem, expected)
         time, states = self._rows(path, len(names))
         stated = info.get("total_frames")
@@ -63,7 +65,7 @@ class LerobotDatasetReader(Reader):
         renamed = given.pairs(MOTORS)
         joints = [renamed.get(name, name) for name in names]
         if len(set(joints)) < len(joints):
-            raise given.refuse(MOTORS, f"the joints {listed(joints)}", "each once")
+            raise given.refuse(MOTORS, f"the joints {listed(joints)}", "each joint only once")
         rests = found_rests(path, joints, time, angles, given)
         return imported_rests(path, self.name, joints, rests)
 
@@ -81,7 +83,7 @@ class LerobotDatasetReader(Reader):
             note_input(file)
             # A link must not lead out of the dataset to who knows what.
             if not file.resolve().is_relative_to(path.resolve()):
-                raise ForeignFileError("a link that leads out of the folder", "a file", file=file)
+                raise ForeignFileError("a link to a place outside the folder", "a file", file=file)
             try:
                 rows += parquet.read_metadata(file).num_rows
                 table = None if rows > most_rows else parquet.read_table(file, columns=[*_COLUMNS])
@@ -112,7 +114,7 @@ def _array(file: Path, name: str, values: Sequence[Any]) -> FloatArray:
     except (TypeError, ValueError):
         array = np.full(1, np.nan)
     if not len(array) or not np.isfinite(array).all():
-        problem = "rows without it, or no numbers"
+        problem = "rows where it is missing or not a number"
         raise ForeignFileError(problem, "finite numbers in every row", file=file, where=name)
     return array
 

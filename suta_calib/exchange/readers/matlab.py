@@ -26,7 +26,7 @@ class MatlabReader(Reader):
     """Arrays of 4 x 4 x n or n x 4 x 4, and cells of 4 x 4; each variable is a body."""
 
     name = "matlab"
-    summary = "MATLAB .mat (to version 7.2): arrays 4x4xn, or cells of 4x4"
+    summary = "MATLAB .mat (up to version 7.2): arrays 4x4xn, or cells of 4x4"
     example = "poses.mat --format matlab --body A --out poses.csv"
     options = (*BODY_OPTIONS, UNIT)
     suffixes = (".mat",)
@@ -42,7 +42,7 @@ class MatlabReader(Reader):
             variables = loadmat(BytesIO(read_bounded(path)))
         except NotImplementedError:
             raise ForeignFileError(
-                "MATLAB 7.3, which is HDF5", "an older version", file=path, hint="save -v7"
+                "a MATLAB 7.3 file, which is HDF5", "an older version", file=path, hint="save -v7"
             ) from None
         except ForeignFileError:
             raise

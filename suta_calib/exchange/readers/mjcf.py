@@ -27,7 +27,7 @@ from suta_calib.words import listed
 
 _CHILD: Final = "suta_calib.exchange.mjcf_child"
 _COUPLED: Final = (
-    "The model has equality constraints, which couple joints or close loops; in the URDF each "
+    "The model has equality constraints, which couple joints or close loops. In the URDF each "
     "joint has its own reading."
 )
 # MuJoCo's mjtJoint.
@@ -42,7 +42,7 @@ class MjcfReader(Reader):
     """Bodies, joints and sites: the kinematics, without shapes and masses."""
 
     name = "mjcf"
-    summary = "MuJoCo model (MJCF), bodies, joints of one axis and sites: a URDF"
+    summary = "MuJoCo model (MJCF) with bodies, joints of one axis and sites, to a URDF"
     example = "arm.xml --format mjcf --out arm.urdf"
     signature = re.compile("<mujoco")
     suffixes = (".xml", ".mjcf")
@@ -65,7 +65,7 @@ class MjcfReader(Reader):
         if "refused" in model:
             raise _refusal(path, str(model["refused"]))
         if not any(joint["kind"] in (_SLIDE, _HINGE) for joint in model["joints"]):
-            description = "a model without a joint that turns or slides"
+            description = "a model without revolute or prismatic joints"
             raise ForeignFileError(description, "an arm: bodies with joints", file=path)
         tree = _Tree(path, model)
         text = "\n".join(tree.lines()) + "\n"
@@ -124,8 +124,8 @@ def _refusal(path: Path, reason: str) -> ForeignFileError:
     """What MuJoCo refuses, with its line where it can be no line of an included file."""
     at = re.search(r"line (\d+)", reason)
     single_file = b"<include" not in path.read_bytes() and b"<model" not in path.read_bytes()
-    problem = f"a model that MuJoCo refuses ({reason[:_LONGEST_REASON]})"
-    expected = "a file that MuJoCo loads, with the files that it includes"
+    problem = f"a model that MuJoCo rejects ({reason[:_LONGEST_REASON]})"
+    expected = "a file that MuJoCo loads, together with the files that it includes"
     return ForeignFileError(
         problem, expected, file=path, line=int(at[1]) if at and single_file and int(at[1]) else None
     )
@@ -143,7 +143,7 @@ class _Tree:
             if joint["kind"] == _BALL:
                 name = repr(joint["name"][:_LONGEST])
                 problem = f"the joint {name}, which turns about any axis (ball)"
-                raise ForeignFileError(problem, "joints of one axis, as URDF has them", file=path)
+                raise ForeignFileError(problem, "joints of one axis, as in URDF", file=path)
         numbers = [n for e in (*self.bodies, *self.sites) for n in (*e["pos"], *e["quat"])]
         for joint in self.joints:
             numbers += [*joint["pos"], *joint["axis"], joint["ref"], *(joint["range"] or ())]
@@ -168,7 +168,9 @@ class _Tree:
         for k, joint in enumerate(self.joints):
             if joint["kind"] == _FREE:
                 name = self.body_names[joint["body"]]
-                yield f"{name} floats freely ({self.joint_names[k]}): a chain may start there."
+                yield (
+                    f"{name} floats freely ({self.joint_names[k]}); it may be the base of a chain."
+                )
         far = [n for n, j in self._named() if j["kind"] == _SLIDE and j["range"] is None]
         if far:
             yield f"The model gives no limits for {listed(far)}; the URDF has ±{_FAR:g} m there."
@@ -263,10 +265,10 @@ class _Tree:
                 ours = np.concatenate([pose.translation, pose.rotation.ravel()])
                 difference = np.abs(ours - numbers).max() / max(1.0, float(np.abs(numbers).max()))
                 if not difference <= agree:
-                    place = f"{name[:_LONGEST]!r} off by {difference:.2g} from the model"
-                    expected = f"agreement with MuJoCo's own kinematics to {agree:g}"
+                    place = f"{name[:_LONGEST]!r} wrong by {difference:.2g} compared with the model"
+                    expected = f"agreement with MuJoCo's kinematics to {agree:g}"
                     hint = "please report this file"
-                    problem = f"a URDF that places {place}"
+                    problem = f"a URDF with {place}"
                     raise ForeignFileError(problem, expected, file=self.path, hint=hint)
 
 

@@ -41,7 +41,7 @@ class MotiveReader(InstrumentReader):
             raise self.strange(path, f"lengths in {unit!r}", "Meters or Millimeters", rows[0].line)
         at = next((k for k, row in enumerate(rows) if row.cells[0] == "Frame"), 0)
         if not 3 <= at < len(rows) - 1:
-            problem = "no rows of names above a row that begins with Frame"
+            problem = "no rows of names before a row that begins with Frame"
             raise self.strange(path, problem, "an export with its header", rows[-1].line)
         axes, kinds, data = rows[at], rows[at - 1].cells, rows[at + 1 :]
         stated = number_in(header.get("Total Exported Frames", ""))
@@ -74,5 +74,5 @@ class MotiveReader(InstrumentReader):
             problem = "bodies and markers without positions"
             raise self.strange(path, problem, "an export of positions", axes.line)
         time = next((k for k, cell in enumerate(axes.cells) if cell.startswith("Time")), None)
-        unit_source = f"in {unit.lower()}, as the file says"
+        unit_source = f"in {unit.lower()}, as the file states"
         return Recording(path, bodies, column_of_time(path, data, time), unit_source)

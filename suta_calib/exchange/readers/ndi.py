@@ -50,7 +50,7 @@ class NdiReader(InstrumentReader):
         del given
         at = next((k for k, row in enumerate(rows) if _starts(row)), None)
         if at is None or at + 1 >= len(rows):
-            problem = "no header with Q0, Qx, Qy, Qz, Tx, Ty, Tz, or nothing below it"
+            problem = "no header with Q0, Qx, Qy, Qz, Tx, Ty, Tz, or no rows below it"
             raise self.strange(path, problem, "an export of tools", rows[0].line)
         header = [cell.lower() for cell in rows[at].cells]
         data = rows[at + 1 :]

@@ -44,22 +44,25 @@ class OpencvStorageReader(Reader):
         text = read_foreign_text(path)
         if text.lstrip().startswith("<"):
             raise ForeignFileError(
-                "OpenCV's XML", "its YAML", file=path, hint="write the storage as .yml"
+                "OpenCV's XML format",
+                "its YAML format",
+                file=path,
+                hint="write the storage as .yml",
             )
         check_last_line(path, text, given)
         data, lines = plain_data(path, text, ForeignFileError)
         matrices_by_name = _matrices(path, data, lines)
         if not matrices_by_name:
-            problem = f"no 4x4 matrices with a number in their names among {listed(list(data))}"
+            problem = f"no numbered 4x4 matrices among {listed(list(data))}"
             expected = "poses as T1_0, T1_1, …"
-            hint = "a camera in such a file is read where --camera asks for one"
+            hint = "a camera in such a file is read by the option --camera"
             raise ForeignFileError(problem, expected, file=path, hint=hint)
         # Of one series or of all: nothing says which.
         counts = [data[key] for key in _COUNTS if isinstance(data.get(key), int)]
         total = sum(map(len, matrices_by_name.values()))
         check_count(path, total, max(counts, default=0), "matrices", given)
         notes = [
-            f"{key} is {stated}, and there are {len(matrices)} matrices {name}."
+            f"{key} is {stated}, but there are {len(matrices)} matrices {name}."
             for key, stated in data.items()
             for name, matrices in matrices_by_name.items()
             if key in _COUNTS and stated != len(matrices)

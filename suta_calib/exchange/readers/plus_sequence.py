@@ -29,7 +29,7 @@ class PlusSequenceReader(Reader):
     """Transforms by the names that PLUS gives them, ``ProbeToTracker``; pictures are not read."""
 
     name = "plus-sequence"
-    summary = "PLUS: sequence files .mha/.mhd, transforms of every frame"
+    summary = "PLUS sequence files .mha/.mhd: transforms of every frame"
     example = "run.mha --body StylusToTracker --reference ReferenceToTracker"
     signature = re.compile("ObjectType = Image|Seq_Frame")
     options = (*BODY_OPTIONS, COMPLETE)
@@ -103,7 +103,7 @@ def _fields(path: Path, given: Given) -> Iterator[tuple[int, str, str]]:
                         return
                     raise cut_off(path, number, "the end of the file", f"a line {_END} = …")
                 if len(line) > longest or read > MOST_BYTES:
-                    reason = "a header without end"
+                    reason = "a header without its end"
                     raise ForeignFileError(reason, f"a line {_END} = …", file=path, line=number)
                 key, equals, value = line.decode("latin-1").partition("=")
                 if not equals and line.strip():

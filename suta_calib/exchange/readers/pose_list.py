@@ -45,7 +45,7 @@ _NUMBERED: Final = re.compile(r"(.*?)[_-]?(\d{1,6})")
 BESIDE: Final = "eye-to-hand"
 SETUP: Final = Option(
     "setup",
-    "Where the camera was: easy_handeye records the base in the hand where it is beside the robot.",
+    "Place of the camera: for a camera beside the robot, easy_handeye records inverse hand poses.",
     choices=("eye-in-hand", BESIDE),
 )
 # The hand's series by that of the target, as easy_handeye2 and easy_handeye call them.
@@ -63,7 +63,7 @@ class PoseListReader(Reader):
     """One list is the poses of a body; two lists, or two poses in each sample, are pairs."""
 
     name = "pose-list"
-    summary = "YAML or JSON lists of poses: moveit_calibration, easy_handeye, your own 4x4"
+    summary = "YAML or JSON lists of poses: moveit_calibration, easy_handeye, or 4x4 matrices"
     example = "samples.yaml --format pose-list --out pairs.csv"
     options = (*BODY_OPTIONS, UNIT, SETUP, COMPLETE)
     suffixes = (".yaml", ".yml", ".json", ".samples")

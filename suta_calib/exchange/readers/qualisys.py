@@ -46,8 +46,10 @@ class QualisysReader(InstrumentReader):
         if ahead < 0:  # the last body was never seen
             ahead = len(data[0].cells) - width * len(names)
         if not 0 <= ahead <= 2:
-            problem = f"{wide} columns for {len(names)} of {width} each"
-            raise self.strange(path, problem, "those, and at most frame and time", data[0].line)
+            problem = f"{wide} columns for {len(names)} bodies or markers of {width} columns each"
+            raise self.strange(
+                path, problem, "exactly these, and at most frame and time", data[0].line
+            )
         bodies: dict[str, Body] = {}
         for k, name in enumerate(names):
             start = ahead + k * width

@@ -34,7 +34,7 @@ from suta_calib.words import listed
 JOINT_TOPIC: Final = Option("joint_topic", "Topic of the joint states.", "/joint_states")
 POSE_TOPIC: Final = Option("pose_topic", "Topic with the poses of a tracker or camera.", "/TOPIC")
 IMAGE_TOPIC: Final = Option(
-    "image_topic", "Topic with pictures: one of each rest is written as a file.", "/TOPIC"
+    "image_topic", "Topic with pictures; one picture of each rest is written to a file.", "/TOPIC"
 )
 _JOINT_STATE: Final = "sensor_msgs/msg/JointState"
 _TF: Final = "tf2_msgs/msg/TFMessage"
@@ -83,17 +83,19 @@ class RosbagReader(Reader):
         poses = self._poses(path, bag, given)
         if joints is None:
             if IMAGE_TOPIC in given:
-                problem = "pictures that are asked for, and no joint states"
-                expected = "a topic of sensor_msgs/JointState: a picture is of a rest"
+                problem = "pictures, but no joint states"
+                expected = (
+                    "a topic of sensor_msgs/JointState, because each picture belongs to a rest"
+                )
                 raise ForeignFileError(problem, expected, file=path)
             if poses is None:
-                problem = "no joint states, and no poses that were asked for"
+                problem = "no joint states, and no selected poses"
                 topics = listed(list(bag.poses)) or "none"
-                hint = f"topics with poses: {topics}; --body and --reference name frames of tf"
+                hint = f"topics with poses: {topics}; --body and --reference are frames of tf"
                 expected = "a topic of sensor_msgs/JointState, or poses"
                 raise ForeignFileError(problem, expected, file=path, hint=hint)
             time, body = poses
-            recording = Recording(path, {"pose": body}, time, "in m, as ROS has them")
+            recording = Recording(path, {"pose": body}, time, "in m, as in ROS")
             # Whose pose it is was said when it was put together.
             left = {"prefix": given.text(PREFIX) or None, "invert": INVERT in given}
             return recording.imported(self.name, Given(self.options, left, self.name))
@@ -140,8 +142,8 @@ def _together(
             time.append(at)
             angles.append([latest[name][1] for name in names])
     if not time:
-        problem = f"no time at which {topic} tells every joint of {listed(names)}"
-        raise ForeignFileError(problem, "each of them within 0.5 s", file=path)
+        problem = f"no time at which {topic} contains every joint of {listed(names)}"
+        raise ForeignFileError(problem, "all of them within 0.5 s", file=path)
     return names, np.array(time), np.array(angles)
 
 
@@ -164,11 +166,11 @@ def _with_camera(rows: ImportedRows, bag: _Bag, topic: str) -> ImportedRows:
     places.append(places[0].rpartition("/")[0])
     name = next((f"{p}/camera_info" for p in places if f"{p}/camera_info" in bag.cameras), "")
     if not name:
-        hint = f"no camera_info beside {topic}"
+        hint = f"no camera_info that belongs to {topic}"
         return replace(rows, remarks=(*rows.remarks, f"The recording has {hint}."))
     camera, why = camera_of(bag.cameras[name])
     if camera is None:
-        return replace(rows, notes=(*rows.notes, f"{name} is not written: {why}."))
+        return replace(rows, notes=(*rows.notes, f"{name} was not written: {why}."))
     return replace(rows, camera=camera)
 
 
@@ -180,8 +182,8 @@ def _chosen(path: Path, topics: dict[str, Any], given: Given, option: Option) ->
     if option not in given and option.metavar in topics:
         return option.metavar
     if name not in topics:
-        problem = (f"no topic {name!r}" if name else f"{len(topics)} topics") + " of that kind"
-        hint = f"say which with {option.switch}"
+        problem = (f"no topic {name!r}" if name else f"{len(topics)} topics") + " of this kind"
+        hint = f"choose it with {option.switch}"
         raise ForeignFileError(problem, f"one of {listed(list(topics))}", file=path, hint=hint)
     return name
 
@@ -215,8 +217,8 @@ def _folder_of(path: Path) -> Path:
     if is_folder(path) or path.suffix.lower() == ".bag":
         return path
     if not (path.parent / "metadata.yaml").is_file():
-        hint = "ros2 bag reindex makes it"
-        raise ForeignFileError("no metadata.yaml beside it", "one", file=path, hint=hint)
+        hint = "create it with ros2 bag reindex"
+        raise ForeignFileError("no metadata.yaml in its folder", "one", file=path, hint=hint)
     return path.parent
 
 
@@ -291,10 +293,12 @@ def _through_tf(path: Path, bag: _Bag, given: Given) -> tuple[FloatArray, Body]:
     for option, name in ((BODY, body), (REFERENCE, reference)):
         if name not in frames:
             problem = f"no frame {name!r} in tf" if name else f"no {option.switch}"
-            frames_known = listed(sorted(frames), 12) or "no frames: nothing was recorded of tf"
+            frames_known = listed(sorted(frames), 12) or "none: no tf was recorded"
             raise ForeignFileError(problem, f"one of {frames_known}", file=path)
     if body == reference:
-        raise given.refuse(REFERENCE, f"{body!r}, the body itself", "another frame than --body")
+        raise given.refuse(
+            REFERENCE, f"{body!r}, which is the body itself", "another frame than --body"
+        )
     latest: dict[str, tuple[str, FloatArray]] = {}
     times, poses = list[float](), list[FloatArray]()
     for at, parent, child, numbers in sorted(bag.transforms, key=lambda sample: sample[0]):
@@ -307,7 +311,7 @@ def _through_tf(path: Path, bag: _Bag, given: Given) -> tuple[FloatArray, Body]:
         times.append(at)
         poses.append(np.linalg.inv(down[common]) @ up[common])
     if not poses:
-        problem = f"no way from {body!r} to {reference!r} in tf"
+        problem = f"no connection from {body!r} to {reference!r} in tf"
         raise ForeignFileError(problem, "frames of one tree", file=path)
     matrices = np.array(poses)
     return np.array(times), Body(matrices[:, :3, 3], matrices[:, :3, :3])

@@ -58,10 +58,10 @@ from suta_calib.units import from_deg
 from suta_calib.words import listed
 
 JOINTS: Final = Option(
-    "joints", "Which columns are joint readings; globs.", "joint_*,…", several=True
+    "joints", "Columns that are joint readings; globs.", "joint_*,…", several=True
 )
 FROM: Final = Option(
-    "pose_from", "Number of the first column of the pose; those in front are left out.", "N"
+    "pose_from", "Number of the first column of the pose; the columns before it are ignored.", "N"
 )
 # Behind the name of a joint: which way it came, which is no reading.
 _DIRECTION: Final = ".direction"
@@ -101,8 +101,8 @@ class TableReader(Reader):
         columns, other = _understood(path, given), given.path(REFERENCE)
         if other is not None and is_plain_file(other):
             if other.samefile(path):
-                expected = "another file, whose rows are of the same moments"
-                raise given.refuse(REFERENCE, f"{other}, the file itself", expected)
+                expected = "another file, whose rows were taken at the same times"
+                raise given.refuse(REFERENCE, f"{other}, which is the file itself", expected)
             columns.relative_to(_understood(other, given), given.text(REFERENCE))
         return columns.imported()
 
@@ -143,7 +143,9 @@ class _Columns:
         angles = [unit for unit in asked if unit not in LENGTHS]
         for units in (lengths, angles):
             if len(units) > 1:
-                raise given.refuse(UNIT, " and ".join(units), "one of lengths and one of angles")
+                raise given.refuse(
+                    UNIT, " and ".join(units), "one unit for lengths and one for angles"
+                )
         self._length, self._angle = "".join(lengths), "".join(angles)
         self._notes: list[str] = []
         self._remarks = list(sheet.remarks)
@@ -158,18 +160,20 @@ class _Columns:
         """Another file of the same rows holds the body that this one's pose is told relative to."""
         for table in (self, other):
             if len(table._poses) != 1:
-                description = f"{len(table._poses)} poses in a row"
-                raise ForeignFileError(description, "one, in both files", file=table._sheet.path)
+                description = f"{len(table._poses)} poses per row"
+                raise ForeignFileError(
+                    description, "one pose per row in both files", file=table._sheet.path
+                )
         rows = len(self._sheet)
         if len(other._sheet) != rows:
             problem = f"{len(other._sheet)} rows"
-            expected = f"{rows}, as in {self._sheet.path}: rows correspond"
+            expected = f"{rows} rows, as in {self._sheet.path}, because the rows belong together"
             raise ForeignFileError(problem, expected, file=other._sheet.path)
         clocks = self._clock(), other._clock()
         if (row := _first_disagreement(*clocks)) is not None:
-            problem = "a row of another time"
-            expected = f"the times of {self._sheet.path}: rows correspond"
-            hint = "leave out the rows that only one of the files has"
+            problem = "a row with another time"
+            expected = f"the times of {self._sheet.path}, because the rows belong together"
+            hint = "remove the rows that only one of the files has"
             raise ForeignFileError(
                 problem, expected, file=other._sheet.path, line=other._sheet.lines[row], hint=hint
             )
@@ -189,7 +193,7 @@ class _Columns:
             raise self._nothing()
         self._check_units()
         if ORIGIN in self._given and not self._poses:
-            raise self._given.refuse(ORIGIN, "an origin, and no positions", "columns x, y, z")
+            raise self._given.refuse(ORIGIN, "an origin, but no positions", "columns x, y, z")
         bodies = {pose.prefix or "pose": self._body(pose) for pose in self._poses} | self._others
         for body in bodies.values():
             complete &= body.observed
@@ -217,7 +221,7 @@ class _Columns:
             return ImportedRows(source=path, form=TABLE, columns=dict(columns))
         if ALTERNATING in self._given:
             bodies, columns = self._by_turns(bodies, columns)
-        recording = Recording(path, bodies, None, "as they were read", dict(columns))
+        recording = Recording(path, bodies, None, "as in the file", dict(columns))
         if set(bodies) == set(PAIR):
             return recording.pairs(TABLE)
         alone = next(iter(bodies)) if len(bodies) == 1 else ""
@@ -250,10 +254,10 @@ class _Columns:
             unit = guessed_length(self._sheet, near, self._given) if self._guessing else "m"
         self._units[pose.prefix] = unit
         if self._length and pose.unit and self._length != pose.unit:
-            problem = f"columns named as {pose.unit}, with --unit {self._length}"
-            raise self._sheet.refuse(problem, "one unit")
+            problem = f"columns with {pose.unit} in their names, but --unit {self._length}"
+            raise self._sheet.refuse(problem, "the same unit in both")
         if ORIGIN in self._given and (len(self._poses) > 1 or REFERENCE in self._given):
-            raise self._given.refuse(ORIGIN, "an origin, and several poses in a row", "one")
+            raise self._given.refuse(ORIGIN, "an origin, but several poses per row", "one")
         position = LENGTH_UNITS.get(unit, 1.0) * position
         position, remarks = from_origin(path, self._sheet.lines, position, self._given)
         self._remarks += remarks
@@ -272,7 +276,9 @@ class _Columns:
         most = float(np.nanmax(np.abs(numbers), initial=0.0))
         if most > _FEW_TURNS / 2:
             raise self._degrees("angles of an orientation", most)
-        self._remarks.append(f"Angles up to {most:.4g} were taken for rad; --unit says else.")
+        self._remarks.append(
+            f"Angles up to {most:.4g} were treated as rad; choose another unit with --unit."
+        )
         return "rad"
 
     def _question(self, position: FloatArray, pose: PoseColumns) -> None:
@@ -287,8 +293,8 @@ class _Columns:
             far = float(np.linalg.norm(position, axis=1).min()) > 1e4
             grid = f"; {GRID_HINT}" if far and ORIGIN not in self._given else ""
             problem = f"{notes[0][0].lower()}{notes[0][1:]}"
-            hint = f"say --unit mm or --unit m; nothing is scaled unasked{grid}"
-            raise self._sheet.refuse(problem, "the unit", hint=hint)
+            hint = f"give --unit mm or --unit m; nothing is scaled automatically{grid}"
+            raise self._sheet.refuse(problem, "their unit", hint=hint)
         self._notes += notes
 
     def _beside(self) -> tuple[dict[str, NDArray[Any]], BoolArray]:
@@ -353,10 +359,10 @@ class _Columns:
             (self._length, bool(self._poses), "a position", COLUMNS),
         ):
             if unit and not used:
-                problem = f"{UNIT.switch} {unit}, and no columns of {what}"
-                expected = "columns that are in this unit"
+                problem = f"{UNIT.switch} {unit}, but no columns of {what}"
+                expected = "columns in this unit"
                 likely = ",".join(self._likely()) if where is JOINTS else ""
-                hint = f"say which they are with {where.switch} {likely or where.metavar}"
+                hint = f"name them with {where.switch} {likely or where.metavar}"
                 raise self._sheet.refuse(problem, expected, hint=hint)
 
     def _likely(self) -> list[str]:
@@ -377,7 +383,9 @@ class _Columns:
         if readings.unit != "rad" or most <= _FEW_TURNS:
             return angles
         if self._angle or unit:
-            self._notes.append(f"Readings of {joint} reach {most:.0f} rad: are they degrees?")
+            self._notes.append(
+                f"Readings of {joint} reach {most:.0f} rad: check whether they are degrees."
+            )
             return angles
         # More than any joint turns that is read in degrees: ticks, perhaps.
         most_degrees = 720.0
@@ -387,15 +395,15 @@ class _Columns:
         return replace(readings, unit="deg").angles(joint, numbers)
 
     def _degrees(self, of: str, most: float) -> ForeignFileError:
-        problem, expected = f"{of} up to {most:.4g}, which look like degrees", "that it be said"
-        hint = "say --unit deg, --unit ticks or --unit rad; nothing is scaled unasked"
+        problem, expected = f"{of} up to {most:.4g}, which look like degrees", "their unit"
+        hint = "give --unit deg, --unit ticks or --unit rad; nothing is scaled automatically"
         return self._sheet.refuse(problem, expected, hint=hint)
 
     def _pose_remark(self, pose: PoseColumns) -> str:
         names = [self._names[k] for k in (*pose.position, *pose.rotation)]
         unit = self._units[pose.prefix]
         form = f", --rotation {pose.form}" if pose.form else ""
-        return f"Taken for a pose: columns {', '.join(names)}; --unit {unit}{form}."
+        return f"Columns read as a pose: {', '.join(names)}; --unit {unit}{form}."
 
     def _nothing(self) -> ForeignFileError:
         sheet = self._sheet
@@ -404,9 +412,9 @@ class _Columns:
         return sheet.refuse(
             f"{len(sheet.names)} columns: {listed(list(sheet.names), 16)}",
             "columns of a pose or of joints by name; or 3, 6, 7, 12 or 16 numbers",
-            hint="say what they are with --columns NAME=joint_1,…, with x, y, z, qx, qy, qz, qw "
-            f"for a pose, or with {FROM.switch} N where a pose begins"
-            + (f"; {COLUMNS.switch} {columns} for a trajectory of TUM" if trajectory else ""),
+            hint="name the columns with --columns NAME=joint_1,…, with x, y, z, qx, qy, qz, qw "
+            f"for a pose, or give the first column of a pose with {FROM.switch} N"
+            + (f"; {COLUMNS.switch} {columns} for a TUM trajectory" if trajectory else ""),
         )
 
 

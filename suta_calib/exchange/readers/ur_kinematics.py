@@ -56,7 +56,7 @@ class UrKinematicsReader(Reader):
     """``kinematics: {shoulder: …}`` by link, or the controller's ``calibration.conf`` of deltas."""
 
     name = "ur-kinematics"
-    summary = "Universal Robots: kinematics YAML, or calibration.conf (--robot ur5e): a URDF"
+    summary = "Universal Robots kinematics YAML, or calibration.conf (--robot ur5e), to a URDF"
     example = "my_robot_calibration.yaml --format ur-kinematics --out arm.urdf"
     options = (ROBOT, COMPLETE)
     suffixes = (".yaml", ".yml", ".conf")
@@ -86,7 +86,7 @@ def _of_origins(path: Path, data: Mapping[str, Any], lines: Mapping[Any, int], r
         if not all(isinstance(n, int | float) and math.isfinite(n) for n in numbers):
             line = lines.get(("kinematics", link), lines.get(("kinematics",), 1))
             expected = f"finite numbers {', '.join(_ORIGIN)}"
-            problem = "another origin" if link in links else "none"
+            problem = "a different origin" if link in links else "none"
             raise ForeignFileError(problem, expected, file=path, line=line, where=link)
         child = f"{link}_link"
         motion = (
@@ -121,13 +121,13 @@ def _of_deltas(path: Path, text: str, given: Given) -> str:
             ROBOT,
             repr(robot) if robot else "none",
             f"one of {', '.join(_NOMINAL)}",
-            "the file holds only differences from the maker's table",
+            "the file contains only differences from the manufacturer's table",
         )
     parser = configparser.ConfigParser(strict=False)
     try:
         parser.read_string(text)
     except configparser.Error as error:
-        problem = f"text that is no configuration ({type(error).__name__})"
+        problem = f"text that is not a configuration file ({type(error).__name__})"
         raise ForeignFileError(problem, "sections and keys", file=path) from None
     keys = {key: value for section in parser.sections() for key, value in parser[section].items()}
     deltas = []

@@ -56,15 +56,15 @@ class ViconReader(InstrumentReader):
                 raise self.strange(path, problem, "rate, names, axes, units and frames", line)
             block_bodies = dict(self._bodies(path, block, given))
             if count and count != len(block) - 4:
-                problem = f"{len(block) - 4} frames, and {count} in the block before"
-                raise self.strange(path, problem, "as many", block[0].line)
+                problem = f"{len(block) - 4} frames, but {count} in the block before"
+                raise self.strange(path, problem, "as many frames", block[0].line)
             bodies |= block_bodies
             rate, count = number_in(block[0].cells[0]), len(block) - 4
         if not bodies:
             problem = "no block of " + listed([*_BODIES, *_MARKERS])
             raise self.strange(path, problem, "at least one", rows[0].line)
         time = np.arange(count) / rate if rate > 0 else None
-        return Recording(path, bodies, time, "as the file's units say")
+        return Recording(path, bodies, time, "in the units of the file")
 
     def _bodies(
         self, path: Path, block: Sequence[TableRow], given: Given
@@ -95,11 +95,11 @@ class ViconReader(InstrumentReader):
 def _quaternion_form(path: Path, given: Given, line: int) -> str:
     """What RX, RY and RZ are: the file does not say."""
     if ROTATION not in given:
-        problem = "RX, RY, RZ, which may be a rotation vector or Euler angles"
-        expected = "that it be said which"
+        problem = "RX, RY, RZ, which could be a rotation vector or Euler angles"
+        expected = "the kind of rotation"
         hint = (
-            "say --rotation vector (what Tracker and Nexus export unless told otherwise), or "
-            "the order of the angles: --rotation XYZ|ZYX|…"
+            "give --rotation vector (the default of Tracker and Nexus), or the order of the "
+            "angles: --rotation XYZ|ZYX|…"
         )
         raise ForeignFileError(problem, expected, file=path, line=line, hint=hint)
     form = given.text(ROTATION)

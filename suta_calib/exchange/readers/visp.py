@@ -27,7 +27,7 @@ class VispReader(Reader):
     """Pose vectors (x, y, z, θu) or 4x4 matrices; ``fPe`` is the hand's, ``cPo`` the target's."""
 
     name = "visp"
-    summary = "ViSP: a folder of pose_fPe_1.yaml, pose_cPo_1.yaml, … (one pose a file)"
+    summary = "ViSP: a folder of pose_fPe_1.yaml, pose_cPo_1.yaml, … (one pose per file)"
     example = "poses --format visp --out pairs.csv"
     options = (*BODY_OPTIONS, UNIT)
 

@@ -13,14 +13,14 @@ from suta_calib.exchange.result import Result
 from suta_calib.exchange.writer import Writer
 from suta_calib.measurements.camera import camera_text, matrix_text
 
-NAME: Final = Option("camera_name", "What the camera is called.", "NAME")
+NAME: Final = Option("camera_name", "Name of the camera.", "NAME")
 
 
 class CameraInfoWriter(Writer):
     """The camera's intrinsics as ROS's camera_info_manager has them."""
 
     name = "camera-info"
-    summary = "camera_info YAML of ROS, read by OpenCV too"
+    summary = "camera_info YAML of ROS, which OpenCV can also read"
     example = "results --format camera-info --out camera.yaml"
     options = (NAME,)
     file = "exported_camera.yaml"
@@ -28,7 +28,7 @@ class CameraInfoWriter(Writer):
     def content(self, result: Result, given: Given) -> bytes:
         """`camera.yaml`, with the matrices of a camera that is not rectified."""
         if result.camera is None:
-            problem = f"no camera, which {self.name} is a format of"
+            problem = f"no camera, which the format {self.name} needs"
             raise InputError(problem, "the result of a job with a camera", file=result.path)
         name = given.text(NAME, "camera")
         if not name.replace("_", "").replace("/", "").isalnum():

@@ -12,7 +12,7 @@ from suta_calib.job.dh_file import dh_text
 from suta_calib.model.dh import Convention, dh_table
 
 CONVENTION: Final = Option(
-    "convention", "Where a and alpha stand.", choices=tuple(get_args(Convention))
+    "convention", "Convention of a and alpha.", choices=tuple(get_args(Convention))
 )
 
 
@@ -36,7 +36,7 @@ class DhWriter(Writer):
                 f"{unsupported[0]}, which mimics another joint or is passed from its child to "
                 "its parent"
             )
-            expected = "a serial chain of joints that are read"
+            expected = "a serial chain in which each joint has its own reading"
             raise InputError(problem, expected, file=arm.model.chain.path)
         convention = cast(Convention, given.text(CONVENTION, "classic"))
         return dh_text(dh_table(arm.model, arm.values, convention)).encode()

@@ -24,7 +24,7 @@ class JointOffsetsWriter(OffsetsWriter):
     """What is to be added to the reading of each joint, in SI and in degrees or mm."""
 
     name = "joint-offsets"
-    summary = "YAML with what is added to each joint's reading"
+    summary = "YAML with the offset to add to each joint's reading"
     example = "results --format joint-offsets --out joint_offsets.yaml"
     file = "exported_joint_offsets.yaml"
 

@@ -14,11 +14,11 @@ from suta_calib.exchange.writers.joint_offsets import OffsetsWriter
 from suta_calib.model.parameters import OFFSET
 
 CALIBRATION: Final = Option(
-    "calibration", "The calibration JSON that is to be corrected.", "FILE.json", file=True
+    "calibration", "The calibration JSON to be corrected.", "FILE.json", file=True
 )
 BUS: Final = Option(
     "bus",
-    "Which servos they are: Dynamixel adds a homing offset, Feetech subtracts it.",
+    "Type of the servos: Dynamixel adds a homing offset, Feetech subtracts it.",
     choices=(FEETECH, DYNAMIXEL),
 )
 
@@ -32,10 +32,10 @@ class LerobotWriter(OffsetsWriter):
     options = (CALIBRATION, BUS, MOTORS, COUNTS)
     file = "exported_lerobot.json"
     notes = (
-        "Homing offsets are whole ticks: what is less than half of one is lost.",
-        "Write them to the motors: LeRobot's own check of a calibration does.",
-        "Readings count as Present_Position does, whatever the drive_mode: as LeRobot's degrees, "
-        "and as a device.yaml that import makes.",
+        "Homing offsets are whole ticks: smaller corrections are lost.",
+        "Write them to the motors, for example with LeRobot's own check of a calibration.",
+        "Readings have the direction of Present_Position for any drive_mode, as LeRobot's "
+        "degrees and a device.yaml from import do.",
     )
 
     def content(self, result: Result, given: Given) -> bytes:
@@ -57,11 +57,11 @@ class LerobotWriter(OffsetsWriter):
         if missing := [joint for joint in arm.model.joints if joint not in joints]:
             problem = f"no motor of the joint {missing[0]!r} among {', '.join(motors)}"
             expected = "a motor for each joint of the arm"
-            hint = f"say which with {MOTORS.switch} MOTOR={missing[0]}"
+            hint = f"choose it with {MOTORS.switch} MOTOR={missing[0]}"
             raise InputError(problem, expected, file=path, hint=hint)
         for joint in arm.model.joints:
             if arm.model.units[joint] != "rad":
-                raise InputError(f"{joint}, which slides", "joints that turn", file=path)
+                raise InputError(f"{joint}, which is prismatic", "revolute joints", file=path)
             ticks = arm.values.get(f"{joint}.{OFFSET}", 0.0) * counts / math.tau
             motor = motors[joints[joint]]
             motor["homing_offset"] += sign * round(ticks)

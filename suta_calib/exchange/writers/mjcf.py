@@ -18,11 +18,11 @@ class MjcfWriter(Writer):
     """Bodies, joints and a site at the tip; no shapes, and masses of no meaning."""
 
     name = "mjcf"
-    summary = "the chain as MuJoCo model: bodies, joints, a site at the tip"
+    summary = "the chain as MuJoCo model: bodies, joints, and a site at the tip"
     example = "results --format mjcf --out arm.xml"
     file = "exported_mjcf.xml"
     notes = (
-        "The model holds the kinematics of the chain alone: shapes and masses are the URDF's.",
+        "The model contains only the kinematics of the chain: shapes and masses are in the URDF.",
     )
 
     def content(self, result: Result, _given: Given) -> bytes:

@@ -11,7 +11,7 @@ class UrdfWriter(Writer):
     """The nominal URDF, byte for byte but for the numbers of its origins."""
 
     name = "urdf"
-    summary = "the job's URDF with calibrated <origin>s, nothing else changed"
+    summary = "the job's URDF with calibrated <origin>s; nothing else is changed"
     example = "results --format urdf --out arm.urdf"
     file = "exported.urdf"
 

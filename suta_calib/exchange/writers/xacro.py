@@ -24,7 +24,7 @@ class XacroWriter(Writer):
     """The macro ``calibrated_origin``, which stands for a joint's ``<origin>``."""
 
     name = "xacro"
-    summary = "a macro calibrated_origin to include in one's own .xacro"
+    summary = "a macro calibrated_origin, to include in your .xacro"
     example = "results --format xacro --out calibrated_origins.xacro"
     file = "exported_origins.xacro"
 

@@ -20,7 +20,7 @@ from suta_calib.words import listed
 
 SOURCE: Final = Option(
     "source",
-    "A .xacro file in which joints of the arm stand; the job's own without it.",
+    "A .xacro file that contains joints of the arm; default: the job's.",
     "FILE.xacro",
     several=True,
     file=True,
@@ -32,14 +32,15 @@ class XacroPatchWriter(Writer):
     """A unified diff, as ``patch`` and ``git apply`` take it, of the origins that changed."""
 
     name = "xacro-patch"
-    summary = "a patch (unified diff) of the <origin>s in one's own .xacro files"
+    summary = "a patch (unified diff) for the <origin>s in your .xacro files"
     example = "results --format xacro-patch --source urdf/arm_macro.xacro"
     options = (SOURCE,)
     file = "exported_origins.patch"
     notes = (
-        "Apply it in the folder that all the files are in: patch -p1 < FILE, or git apply FILE.",
-        "Every robot that these files make gets these origins: for one of several, include the "
-        "format xacro, or load xacro-yaml.",
+        "Apply it in the folder that contains all these files: patch -p1 < FILE, or git apply "
+        "FILE.",
+        "Every robot made from these files gets these origins. For only one of several robots, "
+        "include the format xacro, or load xacro-yaml.",
     )
 
     def content(self, result: Result, given: Given) -> bytes:
@@ -50,7 +51,7 @@ class XacroPatchWriter(Writer):
             paths = [arm.model.chain.path]
         if not paths:
             problem = "no .xacro file to patch"
-            raise given.refuse(SOURCE, problem, "the file in which the arm's joints stand")
+            raise given.refuse(SOURCE, problem, "the file that contains the arm's joints")
         origins, parts, placed = _changed(arm), list[bytes](), dict[str, Path]()
         folder = Path(os.path.commonpath([path.resolve().parent for path in paths]))
         for path in paths:
@@ -58,14 +59,14 @@ class XacroPatchWriter(Writer):
             after, here = xacro_bytes(path, before, origins)
             for name in here:
                 if name in placed:
-                    problem = f"the joint {name!r}, as {placed[name]} has it"
-                    raise InputError(problem, "each joint in one of the files", file=path)
+                    problem = f"the joint {name!r}, which is also in {placed[name]}"
+                    raise InputError(problem, "each joint in only one of the files", file=path)
                 placed[name] = path
             parts.append(_difference(path.resolve().relative_to(folder), before, after))
         if missing := [name for name in origins if name not in placed]:
             problem = f"no joint {listed(missing)} in {listed(list(map(str, paths)))}"
             expected = "every joint whose origin changed"
-            hint = f"name the file that it stands in with another {SOURCE.switch} FILE.xacro"
+            hint = f"name the file that contains it with another {SOURCE.switch} FILE.xacro"
             raise InputError(problem, expected, where=SOURCE.switch, hint=hint)
         return b"".join(parts)
 

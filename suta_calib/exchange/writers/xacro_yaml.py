@@ -65,7 +65,7 @@ class XacroYamlWriter(Writer):
                 for key, three in (("xyz", xyz), ("rpy", rpy))
             )
             sentences.append(
-                f"This format cannot hold the fixed joint {joint.name}, which changed by "
+                f"This format cannot contain the fixed joint {joint.name}, which changed by "
                 f"{mm(float(np.linalg.norm(xyz - old_xyz))):.3f} mm and "
                 f"{deg(float(np.linalg.norm(vector_from_rotation(turn)))):.3f}°. Write <origin "
                 f"{origin}/> for it into the description."
