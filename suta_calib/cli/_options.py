@@ -205,7 +205,7 @@ def _urdf_file(
 
 _xacro_option = option(
     "--xacro-arg NAME:=VALUE",
-    "Of a .xacro file in place of the URDF: value of an argument; may be repeated.",
+    "Value of an argument of a .xacro file, given instead of a URDF; may be repeated.",
     multiple=True,
     # The URDF needs it, wherever it stands on the command line.
     is_eager=True,

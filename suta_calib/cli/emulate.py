@@ -58,7 +58,7 @@ _FAULTS_HELP: Final = _EPILOG + "\n".join(f"  {k:<20} {v}" for k, v in WORDS.ite
 @option("--set", "Name of the simulation's set; default: the first.", name="set_name")
 @option(
     "--placement P1=x,y,z,roll,pitch,yaw",
-    "Pose of a placement of the artefact, in mm and degrees. Only the label: the pose of the "
+    "Pose of a placement of the artefact, in mm and degrees. With only the label: the pose in the "
     "simulation, or for a job any pose within reach.",
     name="placements",
     multiple=True,

@@ -18,7 +18,7 @@ from suta_calib.report.model_selection import model_selection_document
 @seed_option("Seed of the folds, where these are not placements.")
 @out_option
 def extend(job: Path, quick: bool, seed: int) -> Document:
-    """Find errors beside the geometry, such as eccentric encoders and compliant joints.
+    """Find errors other than geometry, such as eccentric encoders and compliant joints.
 
     Models with and without these errors are fitted to the observations of JOB (a calibration.yaml),
     each time without one of the placements. An error is added only if it improves the prediction of

@@ -112,7 +112,7 @@ BAD: dict[str, tuple[Spoil, str]] = {
     "yaml list": (content(JOB, "- 1\n"), r"calibration\.yaml"),
     "csv missing": (missing(CSV), r"calibration\.yaml:6: .*samples.*calibration/\*\.csv"),
     "csv empty": (content(CSV, ""), r"a\.csv"),
-    "csv header only": (rows(CSV, 0), r"a\.csv:1.*no data"),
+    "csv header only": (rows(CSV, 0), r"a\.csv:1.*without data"),
     "csv ragged": (replaced(CSV, r"\n", "\n1,2,3\n"), r"a\.csv:2"),
     "csv binary": (content(CSV, b"\x00\xff\x01"), r"a\.csv"),
     "unknown tip": (replaced(JOB, "tip: tip", "tip: tipp"), r"tipp.*tip"),

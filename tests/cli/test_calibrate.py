@@ -186,7 +186,7 @@ def test_init_writes_a_job_that_lacks_nothing_but_samples(
     assert cli("init", suta_urdf, "--tip", "tip", "--out", folder, *options) == 0
     assert files_below(folder) == {"calibration.yaml"} | expected
     assert cli("observe", folder / "calibration.yaml") == 2
-    assert "calibration/samples.csv:1: found a header and no data" in capsys.readouterr().err
+    assert "calibration/samples.csv:1: found a header without data" in capsys.readouterr().err
 
 
 def test_init_job_runs_once_samples_are_filled_in(

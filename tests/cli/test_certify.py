@@ -173,7 +173,7 @@ def test_bad_options_are_refused(points: Path, tmp_path: Path) -> None:
     other = tmp_path / "other.yaml"
     other.write_text("landmarks:\n  o1: {position_mm: [0, 0, 0]}\n", encoding="utf-8")
     bad = {
-        ("--nominal", other): r"0 of the touched landmarks in the drawing 'other'; expected at",
+        ("--nominal", other): r"0 of the touched landmarks are in the drawing 'other'; expected at",
         ("--nominal", swapped(tmp_path)): r"--nominal: found landmarks that do not fit the drawing",
         ("--nominal", tmp_path / "none.yaml"): r"none.yaml: found no such file",
         ("--out", points): r"found an input of the same command",

@@ -75,7 +75,7 @@ def test_extend_finds_the_eccentric_encoder(job: Path) -> None:
 def test_extend_leaves_a_clean_job_alone(clean: Path) -> None:
     out = printed("extend", clean, "--out", clean.parent / "out")
     assert (
-        "Good. Keep the job as it is: no error beside the geometry predicts left-out data better"
+        "Good. Keep the job as it is: no additional error improves the prediction of left-out data"
         in " ".join(out.split())
     )
     assert max(map(len, out.split("Written")[0].splitlines())) <= 80

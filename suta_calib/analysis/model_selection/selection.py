@@ -148,7 +148,8 @@ class ModelSelection(Displayable):
             )
         else:
             sentence = (
-                "Keep the job as it is: no error beside the geometry predicts left-out data better"
+                "Keep the job as it is: no additional error improves the prediction of left-out "
+                "data"
             )
         fitted = self.calibration
         why = next(iter(fitted.notes), fitted.sentence).rstrip(".")
