@@ -22,8 +22,8 @@ def formats_page() -> Iterator[str]:
     """Every format: what it is, an example, its options."""
     yield "# Other programs' files\n\n"
     yield (
-        "What `suta-calib import --list` and `suta-calib export --list` say, with the options of "
-        "each; [see it, bring it in, take it out](../guides/exchange.md) is how to use "
+        "The formats that `suta-calib import --list` and `suta-calib export --list` show, with "
+        "their options. [See it, bring it in, take it out](../guides/exchange.md) shows how to use "
         "them.\n\n"
     )
     for command, known in formats().items():

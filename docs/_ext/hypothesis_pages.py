@@ -34,7 +34,7 @@ def hypotheses_page() -> Iterator[str]:
     sets = measured["false_alarms"].get("sets", 0)
     for shape, heading, text in (
         (None, "Effects that no parameter describes", of_effects(rule)),
-        (Reinterpretation, "Data that are read in another way", of_readings(rule)),
+        (Reinterpretation, "Data with another interpretation", of_readings(rule)),
         (Pattern, "Patterns of the samples", of_patterns()),
     ):
         yield f"## {heading}\n\n{text}\n\n"
@@ -74,19 +74,18 @@ def of_effects(rule: Rule) -> str:
 def of_readings(rule: Rule) -> str:
     """When another reading is named."""
     return (
-        "If the answer contradicts the data, every change to the samples or terms that is listed "
-        "here is tried on the nominal arm. The best are then fitted like the job "
-        "(`suta_calib/trust/rereading.py`). A reading is named if it leaves "
-        f"{rule.far_better:g} times less misfit than the data as they are, and no more than the "
-        "noise explains."
+        "If the result contradicts the data, every change to the samples or terms that is listed "
+        "here is tried on the nominal arm. The best changes are then fitted like the job "
+        "(`suta_calib/trust/rereading.py`). A change is reported if it reduces the misfit by a "
+        f"factor of {rule.far_better:g}, to a size that the noise explains."
     )
 
 
 def of_patterns() -> str:
     """What needs no fit."""
     return (
-        "These are found in the samples alone: honest measurements do not repeat themselves to "
-        "the last digit, and do not stand still while an arm moves."
+        "These are found in the samples without a fit: real measurements do not repeat to the last "
+        "digit, and do not stay constant while an arm moves."
     )
 
 

@@ -20,8 +20,8 @@ def commands_page() -> Iterator[str]:
     """What ``--help`` says of every command, at the width of a text."""
     yield "# Commands\n\n"
     yield (
-        "What `--help` says of each. Every command exits with 0 if done, 1 if it ran but the "
-        "answer must not be used, 2 for bad usage or bad input.\n\n"
+        "The `--help` text of each command. The exit code is 0 if the command is done, 1 if it is "
+        "done but the result must not be used, and 2 for wrong usage or input.\n\n"
     )
     group = click.Context(app, info_name=PROGRAM, terminal_width=HELP_WIDTH)
     yield table(("command", ""), ((f"[{n}](#{n})", about) for n, about in COMMANDS.items()))

@@ -20,9 +20,10 @@ def observations_page() -> Iterator[str]:
     """What each kind of observation says of itself, and its samples' columns."""
     yield "# Kinds of observation\n\n"
     yield (
-        "Each kind says of itself what follows: what was measured, which columns its samples have "
-        "beside one per joint (rad; m for prismatic joints), which keys of a job's row are its "
-        "own, what it cannot tell by itself, and what it tells that others leave open.\n\n"
+        "For each kind: what was measured, the columns of its samples (in addition to one per "
+        "joint, in rad, or m for prismatic joints), its keys in a row of a job, the parameters "
+        "that it cannot determine alone, and those that it determines where other kinds cannot."
+        "\n\n"
     )
     for name, kind in shipped(KINDS).items():
         yield f"({anchor(name)})=\n## {name}\n\n{sentence(kind.about)}\n\n"
@@ -32,16 +33,16 @@ def observations_page() -> Iterator[str]:
         if kind.needs_artefact:
             yield "Needs an [`artefact.yaml`](files.md#artefact-yaml).\n\n"
         if kind.keys:
-            yield "Keys of its own:\n\n"
+            yield "Its keys:\n\n"
             yield from key_tables(Fields(*kind.keys), set())
         if kind.leaves_open:
-            yield "What it leaves open:\n\n"
+            yield "What it cannot determine:\n\n"
             for gap, (why, remedy) in kind.leaves_open.items():
                 yield f"* the {gap}: {why}. To determine it: {remedy}.\n"
             yield "\n"
         if kind.tells:
             told = "; ".join(f"the {gap} ({advice})" for gap, advice in kind.tells.items())
-            yield f"Tells what others may leave open: {told}.\n\n"
+            yield f"Determines what other kinds may not: {told}.\n\n"
 
 
 def column_rows(kind: type[Term]) -> Iterator[tuple[str, str]]:
@@ -74,17 +75,17 @@ def number_columns(number: NumberColumn) -> str:
 # CSV files that are no samples: by name, what they are, what reads them, a shipped one.
 CSV_FILES = {
     "POSES.csv": (
-        "Poses of a tracked tool, `T_tracker_tool`; with `point`, of several posts.",
+        "Poses of a tracked tool, `T_tracker_tool`; with the column `point` for several posts.",
         pose_files.read_tool_poses,
         "examples/pivot_tool/poses.csv",
     ),
     "PAIRS.csv": (
-        "`T_base_hand` and `T_eye_target`, row for row taken at the same time.",
+        "`T_base_hand` and `T_eye_target`; both poses of a row were taken at the same time.",
         pose_files.read_pose_pairs,
         "data/poses/hand_eye.csv",
     ),
     "HANDS.csv": (
-        "`T_base_hand` with the picture that was taken there.",
+        "`T_base_hand` with the name of the picture taken at this pose.",
         pose_files.read_hand_poses,
         "data/workcell/poses.csv",
     ),
@@ -94,7 +95,7 @@ CSV_FILES = {
         "data/poses/register_a.csv",
     ),
     "corners.csv": (
-        "Where the corners of a board are in pictures.",
+        "Positions of the corners of a board in pictures.",
         read_corners,
         "data/workcell/corners.csv",
     ),
@@ -110,14 +111,14 @@ def csv_page() -> Iterator[str]:
     """Every CSV file: samples by kind, and the others by what their readers say."""
     yield "# CSV files\n\n"
     yield (
-        "A header row, commas, one row a measurement. The order of columns is free and columns "
-        "that nobody asks for are ignored. Lengths are in m, or in mm where the column is named "
-        "so (`x_mm`); quaternions are `qx, qy, qz, qw`.\n\n"
+        "A header row, commas, one row per measurement. The columns can be in any order, and "
+        "unknown columns are ignored. Lengths are in m, or in mm if the name of the column ends "
+        "in `_mm` (`x_mm`); quaternions are `qx, qy, qz, qw`.\n\n"
         "## Samples of an arm\n\n"
         "One column per joint of the chain, named as in the URDF, in rad (m for prismatic "
-        "joints), as the encoder reports it; a joint that mimics another has none. "
-        "`JOINT.direction` may say from which side a joint came (1 or -1), `temperature` how warm "
-        "the arm was (°C). Beside them what the kind needs:\n\n"
+        "joints), as the encoder reports it; a joint that mimics another has no column. Optional "
+        "columns: `JOINT.direction`, the side from which a joint came (1 or -1), and "
+        "`temperature` of the arm (°C). Each kind needs these columns in addition:\n\n"
     )
     rows = (
         (f"[`{name}`](observations.md#{anchor(name)})", "; ".join(a for a, _ in column_rows(kind)))

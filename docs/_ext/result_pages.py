@@ -20,12 +20,12 @@ def result_page() -> Iterator[str]:
     answer = calibration_document(CalibrationJob.load(RESULT_JOB).run()).json()
     yield "# result.json\n\n"
     yield (
-        "What `suta-calib calibrate` writes, and prints with `--json`: here as "
-        f"`{RESULT_JOB.relative_to(ROOT)}` gives it, with the first rows of each list. Values that "
-        "are parameters are in SI and say their `unit`; others say it in their key. Beside it are "
-        "`calibrated.urdf`, `residuals.csv` (one row per residual), `inputs.zip` (what it "
-        "was made of) and `report.html`. `run` is added when the files are written: the SHA-256 "
-        "of each input, and of each file that belongs to the run.\n\n"
+        "The file that `suta-calib calibrate` writes, and prints with `--json`. The example is of "
+        f"`{RESULT_JOB.relative_to(ROOT)}`, with the first rows of each list. Parameters are in "
+        "SI, with their `unit`; other values have the unit in their key. The same folder has "
+        "`calibrated.urdf`, `residuals.csv` (one row per residual), `inputs.zip` (a copy of the "
+        "inputs) and `report.html`. `run` is added when the files are written: the SHA-256 of "
+        "each input, and of each file of the run.\n\n"
     )
     if lacking := answer.keys() ^ RESULT_KEYS.keys():
         raise LookupError(f"{', '.join(sorted(lacking))} of result.json: say them in RESULT_KEYS")
@@ -38,30 +38,30 @@ RESULT_KEYS = {
     "job": "The job's file.",
     "parameters": "Every parameter by its name: nominal, value, standard deviation, unit, "
     "[state](../guides/messages.md#the-state-of-a-parameter).",
-    "external_poses": "What stands outside the arm: as a 4x4 matrix in m, and as position, roll "
+    "external_poses": "Poses outside the arm: as a 4x4 matrix in m, and as position, roll "
     "pitch yaw and quaternion with standard deviations.",
-    "unidentified": "Parameters that the data cannot tell.",
-    "redundant": "Those of them that no data of these kinds could tell.",
-    "held": "How far off each held parameter of the arm may be, and what changes with it.",
+    "unidentified": "Parameters that the data cannot determine.",
+    "redundant": "Those of them that no data of these kinds can determine.",
+    "held": "Plausible error of each held parameter of the arm, and what changes with it.",
     "scale": "What gives the data their unit of length: `artefact`, `board` or `instrument`, its "
     "`grade` and standard deviation (`ppm`), and how far that moves the tip (`tip_mm`, root mean "
     "square). `carries`: the arm's lengths depend on it, because the data determine it less well. "
     "Every standard deviation includes it.",
     "unobservable": "Combinations of parameters that the data leave open.",
     "widening": "Factor by which the validation errors widen all standard deviations.",
-    "excluded": "What the job leaves out by name.",
-    "metrics": "Errors before and after, on fitted and on held-out data; every residual counts, "
-    "also one that a robust fit believes less. `by_term` has them for each row of the job.",
-    "repeatability": "How the tip scatters about the mean of repeats of the same touch.",
-    "timing_s": "Seconds.",
-    "correlations": "Of the estimated parameters, in their order.",
-    "covariance": "The same, in SI: what `track` and `tip-map` propagate.",
-    "noise": "Noise levels: assumed or given, and found.",
-    "priors": "How wide the job's priors were found to be, by group.",
-    "solver": "How it was solved, start by start.",
-    "versions": "Of what it was solved with.",
+    "excluded": "Data that the job excludes, by name.",
+    "metrics": "Errors before and after, on fitted and on validation data; every residual counts "
+    "fully, also outliers. `by_term` has them for each row of the job.",
+    "repeatability": "Scatter of the tip about the mean of repeats of the same touch.",
+    "timing_s": "Time of each step, in s.",
+    "correlations": "Correlations of the estimated parameters, in their order.",
+    "covariance": "Their covariance, in SI; `track` and `tip-map` propagate it.",
+    "noise": "Noise levels: assumed or given, and estimated.",
+    "priors": "Estimated width of the job's priors, by group.",
+    "solver": "What the solver did, for each start.",
+    "versions": "Versions of the software.",
     "held_out": "Validation errors per axis: measured and predicted.",
-    "verdict": "How far it may be trusted: "
+    "verdict": "Whether the result may be used: "
     "[what does this message mean?](../guides/messages.md#the-verdict)",
 }
 

@@ -54,20 +54,20 @@ points:
 FILES = (
     FileFormat(
         "calibration.yaml",
-        "One calibration: the arm, what is unknown of it, what was observed, what is held out. "
+        "One calibration: the arm, its unknown parameters, observations and validation data. "
         "Paths are relative to the file.",
         {"": JOB_KEYS},
         "data/suta/calibration_full.yaml",
     ),
     FileFormat(
         "artefact.yaml",
-        "A rigid body with landmarks whose places in it are certified.",
+        "A rigid body with landmarks at certified positions.",
         {"": ARTEFACT_KEYS},
         "examples/panda_sockets/artefact.yaml",
     ),
     FileFormat(
         "board.yaml",
-        "A board that a camera sees.",
+        "A printed board for cameras.",
         {f"type: {name}": keys for name, keys in BOARD_KEYS.items()},
         "data/workcell/board.yaml",
     ),
@@ -79,28 +79,28 @@ FILES = (
     ),
     FileFormat(
         "device.yaml",
-        "An arm on a cable: which port, which format, which joints.",
+        "A connected arm: its port, format and joints.",
         {"": DEVICE_KEYS},
         DEVICE_EXAMPLE,
     ),
     FileFormat(
         "simulation.yaml",
-        "Measurements to simulate: the nominal arm, how the true one departs from it, what "
-        "scatters, and what is measured.",
+        "Measurements to simulate: the nominal arm, the errors of the true one, the noise, and "
+        "the sets of measurements.",
         {"": SIMULATION_KEYS}
         | {f"a set of kind {name}": set_keys(kind) for name, kind in shipped(KINDS).items()},
         "data/plane/simulation.yaml",
     ),
     FileFormat(
         "iso10360.yaml",
-        "An acceptance test after ISO 10360-12. A calibration.yaml may be given in its place, "
+        "An acceptance test by ISO 10360-12. A calibration.yaml may be used instead, "
         "without limits.",
         {"": ACCEPTANCE_KEYS},
         "data/accuracy/iso10360.yaml",
     ),
     FileFormat(
         "candidates.yaml",
-        "What could be measured next, for `suta-calib plan --candidates`.",
+        "Candidates for the next measurements, for `suta-calib plan --candidates`.",
         {"": CANDIDATE_KEYS},
         CANDIDATES_EXAMPLE,
     ),
@@ -111,9 +111,9 @@ def files_page() -> Iterator[str]:
     """Every YAML file: its keys, and an example."""
     yield "# YAML files\n\n"
     yield (
-        "Made from what the readers check. A key that is not listed is refused, with the line it "
-        "stands in; **bold** keys must be there. Lengths are in mm and angles in degrees, and the "
-        "key says so.\n\n"
+        "This page is made from the code of the readers. A key that is not listed is refused, with "
+        "its line; **bold** keys are required. Lengths are in mm and angles in degrees, as the "
+        "names of the keys show.\n\n"
     )
     for file in FILES:
         yield f"({anchor(file.name)})=\n## {file.name}\n\n{file.about}\n\n"
