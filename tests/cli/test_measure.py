@@ -74,7 +74,7 @@ def test_it_survives_a_bad_cable_and_says_what_happened(
         assert said in out
     if size == "full":
         assert "rejected: error flag of joint_3" in out
-        assert "error flag raised: joint_3" in out
+        assert "error flag set: joint_3" in out
 
 
 def test_a_raised_error_flag_rejects_and_is_told_by_joint(bench: Bench, capsys: Capture) -> None:
@@ -85,7 +85,7 @@ def test_a_raised_error_flag_rejects_and_is_told_by_joint(bench: Bench, capsys: 
         assert cli(*bench.command(*more, seconds=1)) == 1
     out = capsys.readouterr().out
     assert "rejected: error flag of joint_3" in out
-    assert "error flag raised: joint_3" in out
+    assert "error flag set: joint_3" in out
     assert "missing: O, M1" in out
     assert not (bench.folder / "calibration").exists()
 

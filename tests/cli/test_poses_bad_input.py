@@ -129,13 +129,13 @@ def test_copies_of_one_row(folder: Path, command: str) -> None:
         header, row, *_ = (folder / name).read_text().splitlines()
         (folder / name).write_text("\n".join([header, *[row] * 8]) + "\n")
     line = refuses(folder, command)
-    assert "found 8 rows, all but 1 repeating another" in line
+    assert "found 8 rows, of which all but 1 repeat another" in line
 
 
 def test_different_numbers_of_points(folder: Path) -> None:
     spoil_text(folder, "register", lambda text: first_lines(10)(text, ""))
     line = refuses(folder, "register")
-    assert f"{folder / 'b.csv'}: found 9 rows; expected 12, as in {folder / 'a.csv'}" in line
+    assert f"{folder / 'b.csv'}: found 9 rows; expected 12 rows, as in {folder / 'a.csv'}" in line
 
 
 def test_a_tool_that_was_not_turned(folder: Path) -> None:

@@ -119,7 +119,7 @@ def test_sizes_beyond_the_sets_are_left_out_and_told(tmp_path: Path) -> None:
         (("--tolerance-pct", "nan"), "finite number"),
         (("--kind", "jackknife"), "--kind"),
         (("--kind", "bootstrap", "--sizes", "1-3"), "--sizes is for --kind size"),
-        (("--unit", "point"), "no samples with point"),
+        (("--unit", "point"), "no samples with labels point"),
         (("--dask", "nowhere"), "no scheduler"),
     ],
 )

@@ -72,7 +72,7 @@ def test_a_result_is_what_the_job_gave(job: Path, result: Path, tmp_path: Path) 
 
 
 def test_it_is_served_until_the_time_is_over(job: Path) -> None:
-    assert "Look at http://127.0.0.1:" in printed("view", job, "--port", "0", "--seconds", "0.1")
+    assert "Open http://127.0.0.1:" in printed("view", job, "--port", "0", "--seconds", "0.1")
 
 
 def test_ctrl_c_ends_it_cleanly(result: Path) -> None:
@@ -223,7 +223,7 @@ def test_an_encoder_that_is_wrong_stops_the_picture(result: Path, tmp_path: Path
 
 def test_the_command_follows_a_device(result: Path, device: Path, capsys: Capture) -> None:
     assert cli("view", result, "--device", device, "--port", "0", "--seconds", "0.5") == 0
-    assert "Look at http" in capsys.readouterr().out
+    assert "Open http" in capsys.readouterr().out
 
 
 def test_a_device_of_another_arm_is_refused(result: Path, tmp_path: Path) -> None:

@@ -120,7 +120,9 @@ def test_a_sample_without_one_of_its_poses_is_named(tmp_path: Path) -> None:
     path, samples = tmp_path / "samples.json", LAYOUTS["easy_handeye2"]["samples"]
     lame = [{**samples[3], "tracking": {**samples[3]["tracking"], "translation": None}}]
     path.write_text(json.dumps({"samples": samples[:3] + lame + samples[4:]}))
-    with pytest.raises(InputError, match=r"8 robot and 7 tracking \(sample 3 has a pose of robot"):
+    with pytest.raises(
+        InputError, match=r"8 robot and 7 tracking \(sample 3 has only a pose of robot"
+    ):
         imported(path)
 
 
