@@ -62,4 +62,4 @@ def test_held_out_rows_at_fitted_postures_are_told_of() -> None:
         )
         apart = compare_arms([s.term(samples.take(fitted))], [s.term(shaken.take(other))], arm)
         assert apart.rows_in_fit == 0
-        assert not any("were read in the posture" in note for note in apart.assessment.notes)
+        assert not any("have the same postures" in note for note in apart.assessment.notes)

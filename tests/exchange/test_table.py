@@ -323,7 +323,7 @@ def test_the_unit_that_angles_were_taken_in_is_told(tmp_path: Path) -> None:
     path = written(tmp_path / "t.csv", np.hstack([P, 0.01 * euler("xyz")]))
     found = imported(path, rotation="xyz")
     assert any("were treated as rad" in each for each in found.assessment.notes)
-    assert not any("for rad" in each for each in imported(path, rotation="xyz", unit="rad").remarks)
+    assert not any("as rad" in each for each in imported(path, rotation="xyz", unit="rad").remarks)
 
 
 def test_lengths_are_questioned_and_never_scaled(tmp_path: Path) -> None:
