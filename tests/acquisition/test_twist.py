@@ -70,7 +70,7 @@ def test_a_plug_turned_the_other_way_is_named(scene: Scene, twist: str) -> None:
     assert attempt.landmarks == [*NAMES]
     way, other = ("counter-clockwise", "clockwise")[:: 1 if twist == "ccw" else -1]
     assert [*attempt.run.notes] == ["M1"]
-    expected = f"the plug was not turned {way} before the arm rested (it turned "
+    expected = f"the plug was not turned {way} before the arm came to rest (it turned "
     assert attempt.run.notes["M1"].startswith(expected)
     assert f" deg {other}): turn the plug {way} until it stops" in attempt.run.notes["M1"]
     assert any(f"turn the plug {way} until it stops" in line for line in attempt.said)

@@ -147,7 +147,7 @@ def test_a_job_gives_arguments(suta_urdf: Path, tmp_path: Path) -> None:
         ("{file: arm.xacro, args: {length: [1]}}", r"urdf.args.length: .*expected text, a number"),
         ("{file: arm.xacro, arguments: {length: 1}}", "urdf.arguments: found an unknown key"),
         ("{file: none.xacro, args: {length: 1}}", "urdf.file: found no file"),
-        ("{file: calibration.yaml, args: {length: 1}}", "urdf.args: .*no .xacro"),
+        ("{file: calibration.yaml, args: {length: 1}}", "urdf.args: .*not a .xacro"),
         ("{file: arm.xacro, args: {size: 1}}", "the argument 'size'"),
     ):
         with pytest.raises(InputError, match=says):
