@@ -71,7 +71,7 @@ CLAIMED = {
         "up to 1.37 mm; all fifteen 0.93 mm",
         "E_Uni          -0.127 mm, limit 0.210, U 0.029: pass",
         "Passed: 5 of 5 limits are kept",
-        "RMS 0.422 mm with the job's model, 0.243 mm chosen",
+        "RMS 0.422 mm with the job's model, 0.243 mm",
         "undecided to 0.154",
         "S2 damaged",
         "13 unknowns            0.014       0.238       0.014       0.320       0.835",
