@@ -391,8 +391,8 @@ def _missing(blocks: Sequence[BlockBudget], encoders_stated: bool) -> tuple[str,
         )
     if any(b.overstated for b in blocks):
         notes.append(
-            "The given encoder noise is too large: it would scatter repeats more than they do. "
-            "The share of the encoders is limited to the scatter of the repeats."
+            "The given encoder noise is larger than the scatter of repeats allows. The encoders' "
+            "share of the error is limited to that scatter. Check the given noise."
         )
     if any("artefact" in s for s in together):
         notes.append(

@@ -41,7 +41,7 @@ COMMANDS: Final = {
     "hand-eye": "Find the pose of a camera: AX=XB or AX=ZB.",
     "register": "Find the rigid transform between corresponding points.",
     "stereotactic": "Navigate with two trackers, distortion and CT (JHU files).",
-    "certify": "Make an artefact file from raw laser tracker points.",
+    "certify": "Make an artefact (a body with certified landmarks) from raw tracker points.",
     "monitor": "Show live what a device sends and what is wrong with it.",
     "emulate": "Emulate an arm: send its frames to a virtual port.",
     "track": "Send the live tip to console, files, OpenIGTLink or UDP.",

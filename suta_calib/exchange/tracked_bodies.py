@@ -25,7 +25,7 @@ from suta_calib.words import listed
 
 BODY: Final = Option(
     "body",
-    "Name of the body or marker; a glob may select several, which get a column target.",
+    "Name of the body or marker; m* selects several, and a column target then names each.",
     "NAME",
 )
 REFERENCE: Final = Option(

@@ -41,7 +41,11 @@ def calibration_scene(
     parts: list[Part] = [PlacedPoints(word, "touched", errors[1][0])]
     rows = largest_of_regions(errors[1][0], np.linalg.norm(errors[1][1], axis=1))
     count = len(errors[1][0])
-    few = f" ({len(rows)} of {count:,}: the largest of each region)" if len(rows) < count else ""
+    few = (
+        f" ({len(rows)} of {count:,}: the largest error in each region)"
+        if len(rows) < count
+        else ""
+    )
     before_at, after_at = ((at[rows], off[rows]) for at, off in errors)
     parts.append(Arrows("error before", "before", *before_at, factor))
     parts.append(Arrows(f"error after{few}", "after", *after_at, factor))

@@ -73,10 +73,10 @@ class ArmSpec(Displayable):
     )
     grade: str = keyed(
         choice(GRADES, "certified, machined or printed"),
-        "How the arm was made. This sets the tolerance of the dimensions that are not estimated, "
-        "and that of one scale factor of all lengths. Without it, the errors of the estimated "
-        "dimensions set the tolerance, at least that of machined parts. Every ± that depends on "
-        "such dimensions includes it.",
+        "How the arm was made. It sets the tolerance of the dimensions that are not estimated, and "
+        "of a common scale of all lengths. Every ± that depends on them includes this tolerance. "
+        "If it is not given, the errors of the estimated dimensions set the tolerance, but never "
+        "less than that of machined parts.",
         "",
     )
 

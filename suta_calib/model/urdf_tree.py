@@ -158,7 +158,7 @@ def _tree_of(path: Path, data: bytes, robot: Element, leftover: tuple[Element, .
         other = into.setdefault(child, joint)
         if other is not joint:
             both = f"{quoted(other.name)} (line {other.line}) and {quoted(name)}"
-            problem = f"two joints into it, {both}: a closed loop"
+            problem = f"two joints, {both}, that have this link as their child: a closed loop"
             raise refusal(path, element, problem, "a serial chain", f"link {quoted(child)}")
     _refuse_cycle(path, into)
     joined = {*into, *(joint.parent for joint in joints.values())}

@@ -92,7 +92,7 @@ class EyePoses:
         displaced, turned = self.displaced_turned
         return (
             f"X is known to ± {text(displaced, 'm', with_unit=True)} and "
-            f"± {deg(turned):.3f}° (one sigma, 3-D)"
+            f"± {deg(turned):.3f}° (one standard deviation, 3-D)"
         )
 
     @property

@@ -248,7 +248,7 @@ class Registration(Displayable, RobustAnswer):
             )
         statement = (
             f"the middle of the points is known to ± {text(unsure, 'm', with_unit=True)} and the "
-            f"turn to ± {deg(turned):.3f}° (one sigma, 3-D)"
+            f"turn to ± {deg(turned):.3f}° (one standard deviation, 3-D)"
         )
         counted = "" if self.repeats is None else self.repeats.counted
         return Assessment.of(

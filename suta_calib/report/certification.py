@@ -307,7 +307,7 @@ def _from_above(axes: Axes, certification: Certification) -> None:
     _marks(axes, certification, places, damaged)
     # Two lines leave room for the legend.
     axes.set_title("From above\n" + title)
-    axes.set_xlabel("x, mm (at each landmark: its height, mm)")
+    axes.set_xlabel("x, mm (numbers beside the landmarks: heights, mm)")
     axes.set_ylabel("y, mm")
     axes.set_aspect("equal", adjustable="datalim")
     axes.margins(0.14)

@@ -147,7 +147,7 @@ def _pushes(axes: Axes, force: DirectionalForce) -> None:
             )
     axes.margins(y=0.15)
     axes.set_xticks(places, [joint.joint for joint in force.joints])
-    axes.set_title("Play of each joint when pushed in other directions")
+    axes.set_title("Play of each joint beside its own motion")
     axes.set_ylabel("at the tip, mm")
     axes.grid(axis="y")
     axes.legend(fontsize=8)

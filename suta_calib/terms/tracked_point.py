@@ -119,7 +119,7 @@ class TrackedPoint(InstrumentTerm):
     )
     leaves_open: ClassVar[Mapping[Gap, tuple[str, str]]] = {
         "base": (
-            "the unknown pose of the instrument cancels it",
+            "a change of the unknown pose of the instrument has the same effect",
             "nothing to do if the arm's base is only a convention; otherwise measure the base "
             "with the instrument",
         ),
@@ -226,7 +226,7 @@ class TrackedPoint(InstrumentTerm):
         if len(self.poses) < 3:
             raise self.refuse(
                 f"{len(self.poses)} samples",
-                "at least 3, because the pose of the instrument alone has six unknowns",
+                "at least 3 that are not on a line: the instrument has six unknowns",
             )
         names, target = self._targets
         for name, rows in zip(names, np.bincount(target), strict=False):

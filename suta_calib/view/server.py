@@ -327,7 +327,7 @@ def _looks(scene: ArmScene) -> Iterator[tuple[str, Colour, str]]:
         if isinstance(thing, ErrorVectors):
             usual = thing.colours[(thing.colours != OUTLYING).any(axis=1)]
             red, green, blue = map(int, (usual if len(usual) else thing.colours)[0])
-            few = f" ({len(thing.at)} of {thing.count:,}: the largest of each region)"
+            few = f" ({len(thing.at)} of {thing.count:,}: the largest error in each region)"
             words = f"errors of the {what} data{few if thing.count else ''}"
             yield "➔", (red, green, blue), words
         elif isinstance(thing, Ellipsoids):

@@ -42,7 +42,7 @@ def test_pivot_finds_tip_post_and_outliers(pivot_file: Path) -> None:
     assert found["counts"] == {"rows": 40, "inliers": 38, "outliers": 2}
     unsure = np.linalg.norm(found["tip_std_mm"])
     sentence = (
-        f"the tip is known to ± {unsure:.3f} mm (one sigma, 3-D); 38 of 40 poses agree to "
+        f"the tip is known to ± {unsure:.3f} mm (one standard deviation, 3-D); 38 of 40 poses agree to "
         f"{found['rms_mm']:.3f} mm RMS"
     )
     (relied_on,) = found["verdict"].pop("notes")
@@ -99,7 +99,7 @@ def test_pivot_writes_its_files(pivot_file: Path, tmp_path: Path) -> None:
     assert pivot_file.name in page
     assert f"{found['tip_mm'][2]:.3f}" in page
     assert 'id="pivot"' in page
-    assert "<script" not in page
+    assert "<script src" not in page
 
 
 def test_residuals_are_those_of_the_answer(pivot_file: Path, tmp_path: Path) -> None:

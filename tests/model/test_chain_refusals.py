@@ -57,7 +57,7 @@ REPLACEMENTS = {
     "loop": (
         '<child link="hand"/>',
         '<child link="slide"/>',
-        "link 'slide': found two joints into it, 'push' (line 17) and 'grip'",
+        "link 'slide': found two joints, 'push' (line 17) and 'grip'",
         'name="grip"',
     ),
     "cycle": ('<parent link="base"/>', '<parent link="tip"/>', "a cycle", None),

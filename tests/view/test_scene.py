@@ -125,7 +125,7 @@ def test_of_many_errors_the_largest_of_each_region_is_drawn() -> None:
         "errors/calibration", places[rows], places[rows], np.zeros((len(rows), 3)), 1000
     )
     scene = ArmScene("t", (), np.zeros(0), (few,))
-    assert f"({len(rows)} of 1,000: the largest of each region)" in legend(scene)
+    assert f"({len(rows)} of 1,000: the largest error in each region)" in legend(scene)
 
 
 @pytest.mark.parametrize(

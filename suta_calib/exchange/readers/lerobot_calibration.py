@@ -82,7 +82,9 @@ class LerobotCalibrationReader(Reader):
         if PORT not in given:
             remarks.append(f"The port is {device['port']}; choose another with --port.")
         if BUS not in given and bus != LINES:
-            remarks.append(f"The servos are {bus}; choose another type with {BUS.switch}.")
+            remarks.append(
+                f"The servos are taken for {bus}. If they are others, say so with {BUS.switch}."
+            )
         if turned := [name for name, motor in motors.items() if motor["drive_mode"]]:
             remarks.append(
                 f"drive_mode of {listed(turned)} is not applied, as for LeRobot's degrees: "

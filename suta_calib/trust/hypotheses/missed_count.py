@@ -56,7 +56,7 @@ class MissedCount(Reinterpretation):
     """``q_j → q_j + step`` in some rows, with the step and the rows that mend them."""
 
     name = "missed count"
-    about = "A joint reads one step too much in some rows, because its counter missed an overflow."
+    about = "A joint reads too much by a full range of its counter: an overflow was missed."
     precedence = 82
     tried = "fitted"
 
