@@ -42,8 +42,8 @@ def test_pivot_finds_tip_post_and_outliers(pivot_file: Path) -> None:
     assert found["counts"] == {"rows": 40, "inliers": 38, "outliers": 2}
     unsure = np.linalg.norm(found["tip_std_mm"])
     sentence = (
-        f"the tip is known to ± {unsure:.3f} mm (one standard deviation, 3-D); 38 of 40 poses agree to "
-        f"{found['rms_mm']:.3f} mm RMS"
+        f"the tip is known to ± {unsure:.3f} mm (one standard deviation, 3-D); "
+        f"38 of 40 poses agree to {found['rms_mm']:.3f} mm RMS"
     )
     (relied_on,) = found["verdict"].pop("notes")
     assert relied_on.startswith("No residual shows an error of the tracker's scale")
