@@ -22,7 +22,6 @@ from suta_calib.job.job_terms import held_together, placed, read_term
 from suta_calib.job.scene import calibration_scene
 from suta_calib.job.schema import ArmSpec, JobSpec, read_job
 from suta_calib.measurements import read_artefact
-from suta_calib.measurements.sample_files import has_no_rows
 from suta_calib.model.arm import ArmModel
 from suta_calib.model.parameters import (
     GEOMETRIC,
@@ -49,28 +48,10 @@ from suta_calib.units import shown, unit_name
 from suta_calib.view.calibrated import Calibrated
 from suta_calib.view.calibration import view_calibration
 from suta_calib.view.server import Viewer
-from suta_calib.words import listed
 
 DataSet = Literal["calibration", "validation"]
 # Who writes an answer as a page, and is made of answers.
 _PAGES: Final = "suta_calib.report.notebook"
-
-
-def _with_filled_validation(spec: JobSpec) -> JobSpec:
-    """Without rows of validation whose files hold a header alone: a new job's are not filled in.
-
-    The assessment says that nothing is held out.
-    """
-    empty = [row for row in spec.validation if all(map(has_no_rows, row.sample_files))]
-    if not empty:
-        return spec
-    names = listed([path.name for row in empty for path in row.sample_files])
-    warnings.warn(
-        f"{spec.path}: the validation data {names} hold a header and no rows: nothing is held out",
-        SutaCalibWarning,
-        stacklevel=4,
-    )
-    return replace(spec, validation=tuple(row for row in spec.validation if row not in empty))
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -118,7 +99,6 @@ class CalibrationJob(Displayable):
         # What was fitted and what is held out touch the same artefact: it is read once.
         read = partial(read_term, arm, job=spec.path, artefact=cache(read_artefact))
         observations = [read(row, fitted=True) for row in spec.observations]
-        spec = _with_filled_validation(spec)
         validation = [read(row) for row in spec.validation]
         return cls(spec, arm, parameters, *held_together(spec, observations, validation))
 

@@ -370,16 +370,3 @@ def test_an_answer_that_must_not_be_used_is_refused_when_it_is_read_back(job: Pa
     )
     box = ("--urdf", job.parent / "arm.urdf", "--tip", "tip", "--region", "150,600,-300,300,0,400")
     assert "must not be used" in refused("tip-map", result, *box)
-
-
-@pytest.mark.filterwarnings("always::suta_calib.errors.SutaCalibWarning")
-def test_validation_data_that_are_not_filled_in_do_not_stop_a_first_run(
-    job: Path, capsys: Capture
-) -> None:
-    (folder,) = {path.parent for path in job.parent.glob("validation/*.csv")}
-    for path in folder.glob("*.csv"):
-        path.write_text(path.read_text(encoding="utf-8").splitlines()[0] + "\n", encoding="utf-8")
-    assert cli("calibrate", job) == 0
-    out, err = capsys.readouterr()
-    assert "hold a header and no rows: nothing is held out" in err
-    assert "no validation data" in out

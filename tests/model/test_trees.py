@@ -256,6 +256,6 @@ def test_a_link_may_be_called_as_a_joint_is(robot: Path) -> None:
 def test_a_missing_column_says_who_follows_it(robot: Path, tmp_path: Path) -> None:
     ranges = joint_ranges(ArmModel.from_urdf(robot, "f3", "left"))
     (tmp_path / "samples.csv").write_text("left_2,left_1,right_1,finger_2\n0,0,0,0\n")
-    expected = "finger_1.*in m, which finger_2, finger_3 mimics"
+    expected = r"finger_1.*in m \(or finger_1_mm\), which finger_2, finger_3 mimics"
     with pytest.raises(SamplesError, match=expected):
         read_samples([tmp_path / "samples.csv"], ranges, SampleColumns())
