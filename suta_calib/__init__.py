@@ -13,6 +13,6 @@ A few lines do what the command line does::
 import lazy_loader
 
 # `pyproject.toml` has it from here: to look for it among what is installed takes long.
-__version__ = "0.1.0"
+__version__ = "1.0.0"
 
 __getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
