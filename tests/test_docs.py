@@ -208,6 +208,16 @@ def test_messages_that_are_explained_are_the_packages_own(repository: Path) -> N
         assert [part for part in known if part not in source] == []
 
 
+def test_the_words_below_a_report_are_those_of_the_glossary(repository: Path) -> None:
+    page = (repository / "docs/guides/glossary.md").read_text(encoding="utf-8")
+    below = (repository / "suta_calib/report/templates/words.html").read_text(encoding="utf-8")
+    plain = " ".join(re.sub(r"[*`]", "", page).split())
+    rows = re.findall(r"<dt>(.*?)</dt><dd>(.*?)</dd>", below)
+    assert len(rows) > 10
+    for term, meaning in rows:
+        assert f"{term} : {re.sub(r'<[^>]+>', '', meaning)}" in plain
+
+
 def test_the_readme_is_a_screen(repository: Path) -> None:
     lines = (repository / "README.md").read_text(encoding="utf-8").splitlines()
     assert len(lines) <= README_LINES
