@@ -185,7 +185,7 @@ def test_all_of_it_is_the_encoders_where_only_they_err(kind: str) -> None:
         assert root(block, "seating") < 0.35 * block.rms
     assert not any(b.overstated for b in budget.blocks)
     too_much = error_budget(solution_of(noisy(where, std)), (), EncoderNoise(None, 3 * std))
-    assert any("encoder noise is too large" in note for note in too_much.missing)
+    assert any("encoder noise is larger than" in note for note in too_much.missing)
 
 
 def test_encoder_noise_is_propagated_as_monte_carlo_has_it() -> None:

@@ -119,7 +119,7 @@ def test_a_scalar_that_is_never_negative_says_the_order(order: str, tmp_path: Pa
     path = written(tmp_path / "t.csv", np.hstack([position, numbers]))
     assert outcome(path, turn.as_matrix(), position) == "right"
     written(path, np.hstack([position, np.where(np.arange(20)[:, None] % 2, 1, -1) * numbers]))
-    with pytest.raises(InputError, match=r"say --rotation xyzw\|wxyz$"):
+    with pytest.raises(InputError, match=r"give --rotation xyzw\|wxyz$"):
         imported(path, guess=True)
 
 

@@ -147,10 +147,10 @@ def test_a_report_is_of_one_job(tmp_path: Path) -> None:
     assert "of b" not in page("report.html")
     assert "study of b" in page("report-b.html")
     assert "plan of b" in page("report-b.html")
-    assert "of a" not in page("report-b.html")
+    assert "study of a" not in page("report-b.html")
     # A calibration begins anew.
     assert written("result", "c", opens=True) == {"report.html", "report-b.html"}
-    assert "of a" not in page("report.html")
+    assert "study of a" not in page("report.html")
 
 
 def test_a_page_that_held_one_answer_only_is_replaced_by_that_of_another_job(

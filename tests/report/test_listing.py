@@ -101,7 +101,7 @@ def test_parts_are_shown_where_they_belong() -> None:
     assert page.xpath("//h3/text()") == ["What was found"]
     assert page.xpath("//pre/text()") == ["page <only>"]
     assert page.xpath("//p[@class='remedy']/text()") == ["do this"]
-    assert page.xpath("//details/summary/text()") == ["Two of them"]
+    assert page.xpath("//main//details/summary/text()") == ["Two of them"]
     assert page.xpath("//tr[@class='strong']/td[1]/text()") == ["b"]
     assert page.xpath("//span[@class='tone good']/text()") == ["True", "False"]
     assert "Plain" not in page.text_content()

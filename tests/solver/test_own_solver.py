@@ -111,7 +111,7 @@ def test_one_that_gives_up_says_so() -> None:
 
 @pytest.mark.parametrize("given", ["gauss-newton", GaussNewton, 7])
 def test_what_is_no_solver_is_refused(given: Any) -> None:
-    with pytest.raises(ParameterError, match="expected a solver"):
+    with pytest.raises(ParameterError, match="expected an object of a subclass of Solver"):
         solve(dirty_problem(), SolverOptions(solver=given))
     with pytest.raises(ParameterError, match=r"found the Hessian 'exakt'.*did you mean 'exact'"):
         solve(dirty_problem(), SolverOptions(hessian="exakt"))

@@ -58,7 +58,7 @@ def test_a_length_of_the_arm_in_another_unit_is_named_beside(name: str) -> None:
     wrong = s.arm.at({length.name: 100.0 * length.nominal})
     with pytest.raises(SamplesError) as caught:
         term.over_poses(ArmPoses(wrong, term.poses.samples)).check_enough()
-    named = f"They would agree if {length.name} is {1e3 * length.nominal:.6g} mm and not"
+    named = f"They would agree if {length.name} is {1e3 * length.nominal:.6g} mm instead of"
     assert named in str(caught.value)
     with pytest.raises(SamplesError) as caught:
         scaled(name, 1e-3).check_enough()

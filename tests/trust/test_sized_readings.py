@@ -147,7 +147,7 @@ def test_a_length_in_another_unit_is_named(name: str, factor: float) -> None:
     right, found = cause(name, "joint_4.z", factor)
     assert found is not None
     assert found.description == (
-        f"joint_4.z is {right:.6g} mm and not {factor * right:.6g} mm: a wrong unit in the URDF"
+        f"joint_4.z is {right:.6g} mm instead of {factor * right:.6g} mm: a wrong unit in the URDF"
     )
     assert found.after < 0.1 * found.before
 
