@@ -35,6 +35,7 @@ from .measurements import read_samples as read_samples
 from .model import ArmModel as ArmModel
 from .model import Parameter as Parameter
 from .model import ParameterSet as ParameterSet
+from .model import Robot as Robot
 from .model import Selection as Selection
 from .pose_calibration import HandEyeCalibration as HandEyeCalibration
 from .pose_calibration import PivotCalibration as PivotCalibration

@@ -10,12 +10,13 @@ from suta_calib.job.calibration import Calibration, CalibrationJob
 from suta_calib.job.in_python import Free
 from suta_calib.model.arm import ArmModel
 from suta_calib.model.parameters import GEOMETRIC
+from suta_calib.model.robot import Robot
 from suta_calib.solver.options import SolverOptions
 from suta_calib.terms.term import Term
 
 
 def calibrate(
-    arm: ArmModel | CalibrationJob | str | Path,
+    arm: ArmModel | Robot | CalibrationJob | str | Path,
     terms: Term | Sequence[Term] = (),
     *,
     validation: Term | Sequence[Term] = (),
@@ -34,8 +35,9 @@ def calibrate(
         result.write_urdf("calibrated.urdf")
 
     Args:
-        arm: at nominal, which all terms are over; or, in place of arm and terms, a job, or the path
-            of its ``calibration.yaml``, which says everything itself.
+        arm: at nominal, which all terms are over; a robot, over whose chains they are; or, in place
+            of arm and terms, a job, or the path of its ``calibration.yaml``, which says everything
+            itself.
         terms: what is fitted, of any kinds, together.
         validation: what is never fitted: how good the answer is on data that it has not seen.
         free: what is unknown: names, globs, `Selection`s, or ``geometric`` for all placements and
@@ -49,13 +51,13 @@ def calibrate(
     Raises:
         InputError: something that cannot be used: what was found, what was expected.
     """
-    if isinstance(arm, ArmModel):
+    if isinstance(arm, ArmModel | Robot):
         job = CalibrationJob.of_terms(arm, terms, validation, free=free, options=options)
         return job.run()
     if isinstance(arm, str | Path):
         arm = CalibrationJob.load(arm)
     if not isinstance(arm, CalibrationJob):
-        expected = "an ArmModel, a CalibrationJob, or the path of a job"
+        expected = "an ArmModel, a Robot, a CalibrationJob, or the path of a job"
         raise InputError(type(arm).__name__, expected, where="calibrate: arm")
     if terms or validation or free != GEOMETRIC or options != SolverOptions():
         hint = "put them into the job's file, or give the arm and terms"

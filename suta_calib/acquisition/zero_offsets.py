@@ -322,7 +322,7 @@ def _starts(arm: ArmModel, samples: Samples, rng: np.random.Generator) -> list[F
 def _beyond_limits(arm: ArmModel, angles: FloatArray) -> tuple[str, ...]:
     """Joints that stand beyond their limits, whatever turns are added, in angles (k, n)."""
     names = []
-    for joint, column in zip(arm.chain.moving, angles.T, strict=True):
+    for joint, column in zip(arm.readings, angles.T, strict=True):
         middle, half = (joint.lower + joint.upper) / 2, (joint.upper - joint.lower) / 2
         if math.isfinite(half):
             away = column - middle if joint.type == "prismatic" else wrap(column - middle)
@@ -445,5 +445,5 @@ class _OffsetFit:
 
 def wrapped_offsets(arm: ArmModel, offsets: FloatArray) -> FloatArray:
     """Offsets of joints that turn, wrapped to (-π, π]; (n,) or (k, n)."""
-    turning = np.array([joint.type != "prismatic" for joint in arm.chain.moving])
+    turning = np.array([joint.type != "prismatic" for joint in arm.readings])
     return np.where(turning, wrap(offsets), offsets)

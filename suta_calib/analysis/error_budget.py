@@ -31,7 +31,7 @@ from suta_calib.assessment import Assessment, judged
 from suta_calib.display import Displayable
 from suta_calib.errors import ParameterError
 from suta_calib.job.calibration import CalibrationJob
-from suta_calib.model.arm import ArmModel
+from suta_calib.model.mechanism import Mechanism
 from suta_calib.model.parameters import ParameterSet
 from suta_calib.solver.problem import Problem
 from suta_calib.solver.solution import Solution
@@ -69,11 +69,11 @@ class EncoderNoise:
     angle: float = 0.0
     length: float = 0.0
 
-    def std(self, arm: ArmModel) -> FloatArray:
+    def std(self, arm: Mechanism) -> FloatArray:
         """(joints,) standard deviation of each reading: steps are uniform, a twelfth of a step²."""
         step = 0.0 if self.bits is None else 2 * np.pi / 2**self.bits
         turning = float(np.hypot(step / np.sqrt(12.0), self.angle))
-        prismatic = [joint.type == "prismatic" for joint in arm.chain.moving]
+        prismatic = [joint.type == "prismatic" for joint in arm.readings]
         return np.where(prismatic, self.length, turning)
 
 

@@ -48,7 +48,7 @@ class Knowledge(Displayable):
         assert problem.arm is not None
         parameters, (names, covariance) = problem.arm_parameters, solution.arm_covariance
         return cls(
-            arm=problem.arm,
+            arm=problem.arm.chosen(),
             values=solution.values,
             names=names,
             covariance=covariance,

@@ -60,7 +60,7 @@ def device_of(
     if (refused := FORMATS[form].refusal(unit, counts_per_turn)) is not None:
         description = f"{form} with {counts_per_turn} counts per turn, in {unit}"
         raise InputError(description, refused[1], where=refused[0])
-    for joint in arm.chain.moving:
+    for joint in arm.readings:
         if joint.type == "prismatic" and unit != "rad":
             raise InputError(
                 f"prismatic joint {joint.name!r}",

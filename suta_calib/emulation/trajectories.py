@@ -36,7 +36,7 @@ def posture_of(arm: ArmModel, readings: Mapping[str, float] | None = None) -> Fl
                 hint=did_you_mean(name, arm.joints),
             )
         at = arm.joints.index(name)
-        joint = arm.chain.moving[at]
+        joint = arm.readings[at]
         if not joint.lower <= reading <= joint.upper:
             limits = f"{joint.lower:.4g} to {joint.upper:.4g}"
             raise InputError(f"{reading:.4g} for {name!r}", limits, where="posture")
@@ -63,8 +63,8 @@ def sweep(
         duration: s.
     """
     middle = posture_of(arm) if posture is None else posture
-    prismatic = np.array([joint.type == "prismatic" for joint in arm.chain.moving])
-    limits = np.array([(joint.lower, joint.upper) for joint in arm.chain.moving])
+    prismatic = np.array([joint.type == "prismatic" for joint in arm.readings])
+    limits = np.array([(joint.lower, joint.upper) for joint in arm.readings])
     room = np.minimum(middle - limits[:, 0], limits[:, 1] - middle)
     room = np.where(full_circle(arm), np.inf, room)
     # A prismatic joint swings by this much for every rad of the others.
@@ -93,7 +93,7 @@ def parse_posture(arm: ArmModel, text: str) -> dict[str, float]:
     parts = [part.strip() for part in text.split(",") if part.strip()]
     if "=" not in text and len(parts) == len(arm.joints):
         parts = [f"{joint}={part}" for joint, part in zip(arm.joints, parts, strict=True)]
-    prismatic = [joint.name for joint in arm.chain.moving if joint.type == "prismatic"]
+    prismatic = [joint.name for joint in arm.readings if joint.type == "prismatic"]
     posture = {}
     for part in parts:
         name, equals, value = (word.strip() for word in part.partition("="))

@@ -328,7 +328,7 @@ def _samples(arm: ArmModel, values: Mapping[str, Any], label: str, *optional: st
 def _of_calibration(path: Path, urdf: UrdfFile | None) -> AcceptanceJob:
     """Lengths and articulations of a calibration: from its held-out data where it has them."""
     job = CalibrationJob.load(path)
-    arm = job.arm
+    arm = job.arm.chosen()
     if urdf is not None:
         arm = job.spec.arm.model_of(urdf)
         if arm.joints != job.arm.joints:

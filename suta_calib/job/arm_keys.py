@@ -4,14 +4,17 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Final
+from typing import Final, TypeVar
 
 from suta_calib.errors import JobError, ParameterError
 from suta_calib.measurements import YamlSection
 from suta_calib.measurements.fields import LENGTH, XYZ_MM, Field, Fields
 from suta_calib.model.arm import ArmModel
 from suta_calib.model.parameters import POSITION, Selection, coupling_key
+from suta_calib.model.robot import Robot
 from suta_calib.units import from_mm
+
+_AnyMechanism = TypeVar("_AnyMechanism", ArmModel, Robot)
 
 TIP_OFFSET_KEYS: Final = Fields(
     Field("position_mm", XYZ_MM, "Approximate position of the tip.", required=True),
@@ -71,14 +74,21 @@ class TipOffset:
         given = self.bound is None and self.prior is None
         return Selection(names, bound_m=self.bound, prior_m=self.prior, fixed=given, line=self.line)
 
-    def on(self, arm: ArmModel) -> ArmModel:
-        """The arm with its tip there.
+    def on(self, arm: _AnyMechanism, tip: str) -> _AnyMechanism:
+        """The arm, or the robot, with a tip there.
+
+        Args:
+            arm: at nominal.
+            tip: name of the tip, of whichever chain.
 
         Raises:
             JobError: the tip is on a link that moves, and so has no placement of its own.
         """
+        chain = next(chain for chain in arm.arms if chain.tip == tip)
         try:
-            return arm.with_tip_moved(self.position)
+            moved = chain.with_tip_moved(self.position).parameters
+            names = [f"{tip}.{key}" for key in POSITION]
+            return arm.at({name: moved[name].nominal for name in names})
         except ParameterError as problem:
             raise JobError.of(problem, self.file, self.line) from None
 
@@ -120,7 +130,7 @@ class Couplings:
         """The row that names them among a job's parameters, so that a result says what they are."""
         return Selection(tuple(self.ratios), fixed=True, line=self.section.line)
 
-    def on(self, arm: ArmModel) -> ArmModel:
+    def on(self, arm: _AnyMechanism) -> _AnyMechanism:
         """The arm with its joints coupled so.
 
         Raises:

@@ -20,13 +20,14 @@ from suta_calib.errors import InputError, JobError, ParameterError, SamplesError
 from suta_calib.job.in_python import IN_PYTHON, Free, row_of, terms_over, unknowns_of
 from suta_calib.job.job_terms import held_together, placed, read_term
 from suta_calib.job.scene import calibration_scene
-from suta_calib.job.schema import ArmSpec, JobSpec, read_job
+from suta_calib.job.schema import ArmSpec, ChainSpec, JobSpec, read_job
 from suta_calib.measurements import read_artefact
 from suta_calib.model.arm import ArmModel
 from suta_calib.model.parameters import (
     GEOMETRIC,
     ParameterSet,
 )
+from suta_calib.model.robot import Robot
 from suta_calib.plotting.scene import Scene
 from suta_calib.solver.options import SolverOptions
 from suta_calib.solver.problem import Problem
@@ -60,7 +61,7 @@ class CalibrationJob(Displayable):
 
     Attributes:
         spec: the file, typed.
-        arm: the arm at nominal.
+        arm: the arm at nominal, or the robot with its chains.
         parameters: its unknowns.
         observations: terms to fit.
         validation: terms that are never fitted.
@@ -69,7 +70,7 @@ class CalibrationJob(Displayable):
     """
 
     spec: JobSpec
-    arm: ArmModel
+    arm: ArmModel | Robot
     parameters: ParameterSet
     observations: tuple[Term, ...]
     validation: tuple[Term, ...]
@@ -91,7 +92,8 @@ class CalibrationJob(Displayable):
     @classmethod
     def _read(cls, path: Path) -> CalibrationJob:
         spec = read_job(path)
-        arm = spec.arm.model()
+        rows = (*spec.observations, *spec.validation)
+        arm = spec.arm.mechanism(dict.fromkeys((row.chain, row.base_chain) for row in rows))
         try:
             parameters = arm.select(*spec.parameters)
         except ParameterError as error:
@@ -105,7 +107,7 @@ class CalibrationJob(Displayable):
     @classmethod
     def of_terms(
         cls,
-        arm: ArmModel,
+        arm: ArmModel | Robot,
         observations: Term | Sequence[Term],
         validation: Term | Sequence[Term] = (),
         *,
@@ -115,9 +117,9 @@ class CalibrationJob(Displayable):
         """A job that was put together in Python, and stands in no file.
 
         Args:
-            arm: at nominal.
-            observations: terms to fit, over this arm.
-            validation: terms that are never fitted, over this arm.
+            arm: at nominal; or a robot.
+            observations: terms to fit, over this arm or over chains of the robot.
+            validation: terms that are never fitted, likewise.
             free: what is unknown: names, globs and `Selection`s, as one row each of a job, later
                 ones win; ``geometric`` alone means all placements and joint offsets. What has
                 neither bounds nor a prior gets the prior that is usual (`with_usual_priors`). Or
@@ -140,7 +142,7 @@ class CalibrationJob(Displayable):
             raise InputError(repr(options), "SolverOptions(…)", where="calibrate: options")
         spec = JobSpec(
             IN_PYTHON,
-            ArmSpec(arm.chain.path, arm.tip, arm.chain.base),
+            _spec_of(arm),
             rows,
             tuple(map(row_of, fitted)),
             tuple(map(row_of, held_out)),
@@ -152,7 +154,7 @@ class CalibrationJob(Displayable):
     def title(self) -> str:
         """What is calibrated: the name of the job's folder, or the robot's."""
         path = self.spec.path
-        return path.parent.resolve().name or path.name if self.files else self.arm.chain.robot
+        return path.parent.resolve().name or path.name if self.files else self.arm.robot
 
     @property
     def in_a_line(self) -> str:
@@ -283,7 +285,7 @@ class Calibration(Displayable):
         }
 
     @cached_property
-    def arm(self) -> ArmModel:
+    def arm(self) -> ArmModel | Robot:
         """The calibrated arm, with what a URDF cannot hold; the nominal one is ``job.arm``."""
         return self.job.arm.at(self.solution.values)
 
@@ -429,6 +431,14 @@ class Calibration(Displayable):
             if not row.seating and row.artefact in wide
         ]
         return notes
+
+
+def _spec_of(arm: ArmModel | Robot) -> ArmSpec:
+    """What a job's file would say of an arm."""
+    if isinstance(arm, ArmModel):
+        return ArmSpec(arm.chain.path, arm.tip, arm.chain.base)
+    ends = {name: ChainSpec(c.tip, c.chain.base) for name, c in arm.chains.items()}
+    return ArmSpec(arm.urdf[0], chains=ends)
 
 
 def _read_with_fitted(job: CalibrationJob) -> list[str]:

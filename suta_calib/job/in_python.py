@@ -7,8 +7,9 @@ from pathlib import Path
 from typing import Any, Final
 
 from suta_calib.errors import InputError, ParameterError, did_you_mean
-from suta_calib.job.schema import ObservationSpec
+from suta_calib.job.schema import ObservationSpec, seen_from
 from suta_calib.model.arm import ArmModel
+from suta_calib.model.mechanism import Mechanism
 from suta_calib.model.parameters import (
     GEOMETRIC,
     OFFSET,
@@ -16,7 +17,9 @@ from suta_calib.model.parameters import (
     Selection,
     with_usual_priors,
 )
+from suta_calib.model.robot import Robot
 from suta_calib.terms import ArmPoses, Term
+from suta_calib.terms.several_chains import over_chain
 
 # What is unknown, as `CalibrationJob.of_terms` takes it.
 Free = str | Selection | ParameterSet | Sequence[str | Selection]
@@ -24,11 +27,12 @@ Free = str | Selection | ParameterSet | Sequence[str | Selection]
 IN_PYTHON: Final = Path("calibrate")
 
 
-def terms_over(arm: ArmModel, name: str, terms: Term | Sequence[Term]) -> tuple[Term, ...]:
-    """Terms of a job in Python, all of them over its arm."""
+def terms_over(arm: ArmModel | Robot, name: str, terms: Term | Sequence[Term]) -> tuple[Term, ...]:
+    """Terms of a job in Python, all of them over its arm, or over chains of its robot."""
     where = f"calibrate: {name}"
-    if not isinstance(arm, ArmModel):
-        raise InputError(repr(arm), "an ArmModel", where="calibrate: arm")
+    if not isinstance(arm, ArmModel | Robot):
+        raise InputError(repr(arm), "an ArmModel or a Robot", where="calibrate: arm")
+    chains = arm.arms if isinstance(arm, ArmModel) else (*arm.chains.values(), *arm.arms)
     try:
         found = (terms,) if isinstance(terms, Term) else tuple(terms)
     except TypeError:
@@ -41,13 +45,20 @@ def terms_over(arm: ArmModel, name: str, terms: Term | Sequence[Term]) -> tuple[
             raise InputError(repr(term), "a term", where=where, hint=hint)
         if not isinstance(term.poses, ArmPoses):
             raise InputError(f"{term!r} without an arm", "a term over an arm", where=where)
-        if term.poses.arm is not arm:
+        if term.poses.arm not in chains:
             hint = "read the arm once, and give it to every term and to calibrate"
             raise InputError(f"{term!r} of another ArmModel", "this arm", where=where, hint=hint)
-    return found
+    if isinstance(arm, ArmModel):
+        return found
+    laid = dict(zip(arm.chains.values(), arm.arms, strict=True))
+    return tuple(
+        over_chain(term, laid.get(term.poses.arm, term.poses.arm))
+        for term in found
+        if isinstance(term.poses, ArmPoses)
+    )
 
 
-def unknowns_of(arm: ArmModel, free: Free) -> tuple[tuple[Selection, ...], ParameterSet]:
+def unknowns_of(arm: Mechanism, free: Free) -> tuple[tuple[Selection, ...], ParameterSet]:
     """Rows of a job and the parameters that they select, with usual priors."""
     if isinstance(free, ParameterSet):
         for name in free:
@@ -73,6 +84,7 @@ def unknowns_of(arm: ArmModel, free: Free) -> tuple[tuple[Selection, ...], Param
 
 def row_of(term: Term) -> ObservationSpec:
     """What a job's file would say of a term."""
+    bodies = term.poses.arm.bodies if isinstance(term.poses, ArmPoses) else None
     return ObservationSpec(
         term.kind,
         (),
@@ -83,4 +95,5 @@ def row_of(term: Term) -> ObservationSpec:
         seating=getattr(term, "seating", None),
         given=term.given,
         scale=term.scale,
+        chain="" if bodies is None else seen_from(bodies.tip, bodies.base),
     )

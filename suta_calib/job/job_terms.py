@@ -9,7 +9,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from suta_calib.errors import InputError, JobError, SamplesError, SutaCalibWarning
-from suta_calib.job.schema import JobSpec, ObservationSpec
+from suta_calib.job.schema import JobSpec, ObservationSpec, seen_from
 from suta_calib.measurements import (
     Artefact,
     Samples,
@@ -18,8 +18,10 @@ from suta_calib.measurements import (
 )
 from suta_calib.model.arm import ArmModel
 from suta_calib.model.parameters import Parameter
+from suta_calib.model.robot import Robot
 from suta_calib.terms import KINDS, ArmPoses, Noise, Setup, Term
 from suta_calib.terms.poses import joint_ranges
+from suta_calib.terms.several_chains import over_chain
 from suta_calib.trust.patterns import may_read_alike
 
 
@@ -29,7 +31,7 @@ def read_arm_samples(arm: ArmModel, files: Sequence[Path], kind: str) -> Samples
 
 
 def read_term(
-    arm: ArmModel,
+    mechanism: ArmModel | Robot,
     row: ObservationSpec,
     job: Path,
     *,
@@ -39,7 +41,7 @@ def read_term(
     """The term of one row of a job, over the arm at nominal, its samples read.
 
     Args:
-        arm: whose readings they are.
+        mechanism: whose readings they are; of a robot, the chain that the row names.
         row: the row, checked.
         job: the file it stands in, for messages.
         fitted: whether the samples must be enough to be fitted.
@@ -48,6 +50,8 @@ def read_term(
     Raises:
         InputError: samples or artefact that cannot be used.
     """
+    name = seen_from(row.chain, row.base_chain)
+    arm = mechanism.chains[name] if isinstance(mechanism, Robot) else mechanism
     samples = read_arm_samples(arm, row.sample_files, row.kind)
     setup = Setup(
         None if row.artefact is None else artefact(row.artefact),
@@ -68,6 +72,8 @@ def read_term(
             term.check_enough()
     except InputError as error:
         raise placed(error, job, row.line) from None
+    if isinstance(mechanism, Robot):
+        term = over_chain(term, mechanism.laid_out[name])
     for note in term.notes:
         warnings.warn(f"{job}:{row.line}: {note}", SutaCalibWarning, stacklevel=3)
     return term

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from suta_calib.arrays import FloatArray
-from suta_calib.model.arm import ArmModel
+from suta_calib.model.mechanism import Mechanism
 from suta_calib.model.parameters import PLACEMENT, POSITION
 from suta_calib.plotting.look import MOST_LABELLED
 from suta_calib.plotting.scene import (
@@ -19,20 +19,24 @@ from suta_calib.plotting.scene import (
     largest_of_regions,
     magnification,
 )
+from suta_calib.terms.poses import ArmPoses
 from suta_calib.terms.term import Term
 from suta_calib.trust.tip import tip_displacements
 
 
 def calibration_scene(
-    arm: ArmModel, terms: Sequence[Term], before: Mapping[str, float], after: Mapping[str, float]
+    arm: Mechanism, terms: Sequence[Term], before: Mapping[str, float], after: Mapping[str, float]
 ) -> Scene:
     """The arm at its first sample, the places of all samples, and errors before and after.
 
     By the values of all parameters. Errors are arrows from where the tip should have been to where
     the arm says it is, all magnified alike.
     """
-    first = terms[0].poses.samples.q[0]
-    scene = arm.scene(first)
+    scene = Scene(())
+    for chain in arm.arms:
+        of_chain = [t for t in terms if isinstance(t.poses, ArmPoses) and t.poses.arm is chain]
+        for term in (of_chain or terms)[:1]:
+            scene += chain.scene(term.poses.samples.q[0])
     errors = [_errors(terms, values) for values in (before, after)]
     size = float(np.ptp(scene.extent, axis=0).max())
     factor = magnification(errors[0][1], size)

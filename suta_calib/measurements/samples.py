@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, Final, Literal, TypeVar
 
 import numpy as np
@@ -231,6 +231,24 @@ class Samples(Displayable):
             return parts[0]
         origin = tuple(origin for part in parts for origin in part.origin)
         return cls._made(parts, np.concatenate, origin)
+
+    def over_joints(self, joints: Sequence[str]) -> Samples:
+        """The same with columns for more joints; zero, and no direction, where there were none.
+
+        Args:
+            joints: in the order of the new columns; those of the samples are among them.
+        """
+        if tuple(joints) == self.joints:
+            return self
+        places = [joints.index(name) for name in self.joints]
+
+        def wider(columns: FloatArray) -> FloatArray:
+            array = np.zeros((len(self), len(joints)))
+            array[:, places] = columns
+            return _frozen(array)
+
+        direction = None if self.direction is None else wider(self.direction)
+        return replace(self, joints=tuple(joints), q=wider(self.q), direction=direction)
 
     def take(self, index: ArrayLike | slice) -> Samples:
         """Rows by number (repeats allowed, as in a bootstrap), by boolean mask or by slice."""

@@ -8,4 +8,5 @@ from .dh import dh_table as dh_table
 from .parameters import Parameter as Parameter
 from .parameters import ParameterSet as ParameterSet
 from .parameters import Selection as Selection
+from .robot import Robot as Robot
 from .urdf import write_urdf as write_urdf

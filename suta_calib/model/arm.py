@@ -5,10 +5,11 @@ from __future__ import annotations
 import pickle
 from collections.abc import Iterable, Mapping, Sequence
 from copy import copy
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 from pathlib import Path
-from typing import Any
+from types import MappingProxyType
+from typing import Any, final
 
 import numpy as np
 import pinocchio as pin
@@ -16,38 +17,60 @@ from numpy.typing import ArrayLike
 
 from suta_calib import plotting
 from suta_calib.arrays import FloatArray
-from suta_calib.atomic import write_bytes_atomically
 from suta_calib.batched import Batched
-from suta_calib.display import Displayable
 from suta_calib.errors import ParameterError, UrdfError
-from suta_calib.geometry.numbers import rotation_from_rpy
 from suta_calib.geometry.symbols import Symbol
 from suta_calib.inputs import XacroFile
-from suta_calib.model.chain import Chain, chain_of
+from suta_calib.model.chain import Chain, ChainJoint, chain_of
 from suta_calib.model.gravity import Load, beyond
 from suta_calib.model.kinematic_urdf import pinocchio_model
-from suta_calib.model.kinematics import Condition, Segment, forward_kinematics
+from suta_calib.model.kinematics import Condition, forward_kinematics
+from suta_calib.model.mechanism import Mechanism
 from suta_calib.model.parameters import (
     COMPLIANCE,
     EXPANSION,
     LINKS,
     OFFSET,
     POSITION,
-    ROTATION,
+    End,
     Parameter,
     ParameterSet,
-    Selection,
-    select_parameters,
 )
 from suta_calib.model.segments import geometric_parameters, nongeometric_parameters, segment_of
 from suta_calib.model.skeleton import Skeleton
-from suta_calib.model.urdf import folded_origin, urdf_bytes
+from suta_calib.model.urdf import folded_origin
 from suta_calib.model.urdf_tree import read_tree
 from suta_calib.plotting.scene import Scene
-from suta_calib.units import Unit
 
 
-class ArmModel(Displayable):
+@dataclass(frozen=True)
+class Bodies:
+    """What labels call the two ends of a chain, to tell those of several chains apart.
+
+    Attributes:
+        base, tip: put before the label of what stands in the base, or sits on the tip; empty for
+            the only chain there is, and for the base of a robot's first chain.
+    """
+
+    base: str = ""
+    tip: str = ""
+
+    def label(self, label: str, end: End) -> str:
+        """The label of something at one end, such that no other end has the same."""
+        body = self.tip if end == "tip" else self.base
+        if not body:
+            return label
+        return body if label == "default" else f"{body}/{label}"
+
+
+def tip_owner(chain: Chain) -> dict[str, str]:
+    """By the fixed joint that carries the tip, if one does: what its parameters are called."""
+    last = chain.joints[-1]
+    return {} if last.moving or last.climbed else {last.name: chain.tip}
+
+
+@final
+class ArmModel(Mechanism):
     """A chain base → tip through the tree of a URDF, with a parametric geometry.
 
     Build one with `from_urdf`; `at` gives the same arm at other values. Readings ``q`` are
@@ -64,15 +87,23 @@ class ArmModel(Displayable):
         nongeometric: gain of its joints, and coupling of each to every other of its kind;
             eccentricity, compliance and backlash of its revolute ones; expansion of its links,
             together and each by itself (`kinematics`): zero unless the arm is held at other values.
+        readings: the joints whose readings the samples hold, in the order of their columns: those
+            of the chain; of a chain of a `Robot` those of all its chains.
+        bodies: what labels call its base and its tip, for a chain of a `Robot`.
+        beside: parameters of the other chains of its `Robot`: nothing of this one depends on them.
     """
 
-    def __init__(self, chain: Chain, model: pin.Model) -> None:
+    def __init__(
+        self, chain: Chain, model: pin.Model, tips: Mapping[str, str] = MappingProxyType({})
+    ) -> None:
         self.chain = chain
         self.model = model
         self.grade = ""
+        self.readings = chain.moving
+        self.bodies = Bodies()
+        self.beside = ParameterSet()
         # A fixed joint that carries the tip is known by the tip's name, all others by their own.
-        last = chain.joints[-1]
-        tip = {} if last.moving or last.climbed else {last.name: chain.tip}
+        tip = {**tips, **tip_owner(chain)}
         columns = {joint.name: k for k, joint in enumerate(chain.moving)}
         sliding = {joint.name for joint in chain.moving if joint.type == "prismatic"}
         data = model.createData()
@@ -118,16 +149,14 @@ class ArmModel(Displayable):
         """
         if not isinstance(values, Mapping):
             raise ParameterError(repr(values), "values by name: {'joint_2.offset': 0.01}")
-        arm = copy(self)
+        arm = self._renewed()
         arm.parameters, arm.nongeometric = (
             ParameterSet(
                 replace(p, nominal=float(values[n])) if n in values else p for n, p in s.items()
             )
             for s in (self.parameters, self.nongeometric)
         )
-        for derived in ("offered", "gearing"):
-            arm.__dict__.pop(derived, None)
-        arm._check_masses(n for n, p in arm.nongeometric.items() if p.nominal)
+        arm.check_masses(n for n, p in arm.nongeometric.items() if p.nominal)
         return arm
 
     def of_grade(self, grade: str) -> ArmModel:
@@ -168,8 +197,19 @@ class ArmModel(Displayable):
         return self.chain.path, self.chain.data
 
     @property
-    def joints(self) -> tuple[str, ...]:
-        """Names of the joints that have a reading, base → tip: the columns of a samples file."""
+    def arms(self) -> tuple[ArmModel, ...]:
+        """Itself."""
+        return (self,)
+
+    def chosen(self, chain: str = "") -> ArmModel:
+        """Itself."""
+        if chain:
+            raise ParameterError(f"the chain '{chain}'", "no name: the arm has one chain")
+        return self
+
+    @property
+    def own_joints(self) -> tuple[str, ...]:
+        """Names of those of `joints` that move this chain."""
         return tuple(joint.name for joint in self.chain.moving)
 
     @property
@@ -177,58 +217,38 @@ class ArmModel(Displayable):
         """Names of all joints that move, those without a reading of their own included."""
         return tuple(joint.name for joint in self.chain.joints if joint.moving)
 
-    @cached_property
-    def units(self) -> dict[str, Unit]:
-        """Of the reading of each of `joints`: rad, or m."""
-        return {j.name: "m" if j.type == "prismatic" else "rad" for j in self.chain.moving}
+    def laid_out(
+        self, readings: tuple[ChainJoint, ...], bodies: Bodies, beside: ParameterSet
+    ) -> ArmModel:
+        """The same chain, moved by columns of samples that all chains of a robot share.
 
-    @cached_property
-    def movers(self) -> tuple[Segment, ...]:
-        """The segments that move, base → tip: those with a reading and those that follow one."""
-        return tuple(s for s in self.segments if s.motion != "fixed")
-
-    @cached_property
-    def read_from(self) -> dict[str, str]:
-        """Which of `joints` moves each of `movers`, by name: itself, or the one it mimics."""
-        return {s.owner: self.joints[s.column] for s in self.movers}
-
-    @cached_property
-    def couplings(self) -> dict[str, str]:
-        """Names of the couplings of `movers`, with which of `joints` each takes the reading of."""
-        return {name: joint for s in self.movers for name, joint in s.couplings.items()}
-
-    @cached_property
-    def offsets(self) -> tuple[str, ...]:
-        """Names of the offsets of `movers`: what moves the tip as their motion does."""
-        return tuple(name for s in self.movers for name in s.names(OFFSET))
-
-    @cached_property
-    def like_offsets(self) -> tuple[str, ...]:
-        """Names of what moves a joint's origin along or about the joint's axis, as its offset does.
-
-        Only of joints whose axis is one of the axes in which the origin is moved.
+        Args:
+            readings: the joints of these columns, its own among them.
+            bodies: what its base and its tip are called in labels.
+            beside: parameters of the other chains, which nothing of this one depends on.
         """
-        names = []
-        for joint in (joint for joint in self.chain.joints if joint.moving):
-            slides = joint.type == "prismatic"
-            axis = np.abs(rotation_from_rpy(joint.rpy) @ joint.axis if slides else joint.axis)
-            if axis.max() > 1.0 - 1e-9:
-                names.append(f"{joint.name}.{(POSITION if slides else ROTATION)[axis.argmax()]}")
-        return tuple(names)
+        column = {joint.name: k for k, joint in enumerate(readings)}
+        own = self.joints
+        arm = self._renewed()
+        arm.readings, arm.bodies, arm.beside = readings, bodies, beside
+        arm.segments = tuple(
+            replace(
+                s,
+                column=column[own[s.column]],
+                others={joint: column[joint] for joint in s.others},
+            )
+            for s in self.segments
+        )
+        return arm
 
-    @cached_property
-    def gearing(self) -> FloatArray:
-        """(movers, joints) how far each of `movers` goes per unit of each reading.
-
-        The tip's velocity per reading is its velocity per offset times this, which is the identity
-        for an arm without a mimic or a coupling.
-        """
-        matrix = np.zeros((len(self.movers), len(self.joints)))
-        for row, segment in zip(matrix, self.movers, strict=True):
-            row[segment.column] = segment.multiplier
-            for name, joint in segment.couplings.items():
-                row[segment.others[joint]] = self.nongeometric[name].nominal
-        return matrix
+    def _renewed(self) -> ArmModel:
+        """A copy, without what was derived."""
+        arm = copy(self)
+        for name in [
+            n for n in vars(arm) if isinstance(getattr(type(self), n, None), cached_property)
+        ]:
+            del arm.__dict__[name]
+        return arm
 
     def configuration(self, q: ArrayLike) -> FloatArray:
         """Readings (joints,) as a configuration of `model`, continuous joints included."""
@@ -258,33 +278,16 @@ class ArmModel(Displayable):
         )
 
     @cached_property
-    def offered(self) -> ParameterSet:
-        """`parameters`, then `nongeometric`: all that can be selected."""
-        return ParameterSet([*self.parameters.values(), *self.nongeometric.values()])
-
-    @cached_property
     def loads(self) -> tuple[Load, ...]:
         """The masses on the moving joints, base → tip, as the URDF has them."""
         bodies = [self.model.inertias[self.model.getJointId(name)] for name in self._moving]
         pairs = zip(self._moving, bodies, strict=True)
         return tuple(Load(name, float(body.mass), body.lever.copy()) for name, body in pairs)
 
-    def select(self, *rows: Selection | str) -> ParameterSet:
-        """The parameters that are to be estimated; strings stand for unbounded selections.
-
-        Raises:
-            ParameterError: a row that fits no parameter.
-            UrdfError: a joint's compliance is selected, and nothing beyond it has a mass.
-        """
-        selections = [r if isinstance(r, Selection) else Selection((r,)) for r in rows]
-        chosen = select_parameters(self.offered, self.geometric, selections)
-        self._check_masses(chosen)
-        return chosen
-
-    def _check_masses(self, names: Iterable[str]) -> None:
+    def check_masses(self, names: Iterable[str]) -> None:
         """Refuse joints on which nothing hangs: their compliance would do nothing."""
         movers, climbed = [s.owner for s in self.movers], [s.climbed for s in self.movers]
-        for parameter in (self.offered[name] for name in names):
+        for parameter in (self.offered[n] for n in names if n not in self.beside):
             if parameter.key != COMPLIANCE:
                 continue
             hanging = self.loads[beyond(climbed, movers.index(parameter.owner))]
@@ -310,7 +313,8 @@ class ArmModel(Displayable):
                 costs as much as the pose.
         """
         for name in names:
-            _ = self.offered[name]
+            if name not in self.beside:
+                _ = self.offered[name]
         return _kinematics(self, tuple(names), tuple(conditions), rows)
 
     def forward(
@@ -391,26 +395,9 @@ class ArmModel(Displayable):
     @property
     def in_a_line(self) -> str:
         """Its ends and how many joints it has."""
-        count, chain = len(self.joints), self.chain
+        count, chain = len(self.own_joints), self.chain
         joints = f"{count} joint{'s' * (count != 1)}"
         return f"{chain.base} → {self.tip}, {joints} of {chain.path.name}"
-
-    def calibrated_urdf(self, values: Mapping[str, float]) -> bytes:
-        """The user's own URDF with these values in the origins of its joints, for raw readings.
-
-        Args:
-            values: parameter values by name; those of other things than this arm are ignored, and
-                so is what is no geometry: a URDF cannot hold it.
-        """
-        return urdf_bytes(*self.urdf, self.origins(values))
-
-    def write_urdf(self, destination: str | Path, values: Mapping[str, float]) -> None:
-        """Write `calibrated_urdf` of these values to a file.
-
-        Raises:
-            OutputError: the file could not be written; nothing is left half-written.
-        """
-        write_bytes_atomically(destination, self.calibrated_urdf(values))
 
     def origins(self, values: Mapping[str, float]) -> dict[str, tuple[FloatArray, FloatArray]]:
         """Position (3,), m, and rpy (3,), rad, of every joint's origin as in `calibrated_urdf`."""
@@ -428,12 +415,13 @@ def _kinematics(
     arm: ArmModel, names: tuple[str, ...], conditions: tuple[Condition, ...], rows: int | None
 ) -> Symbol:
     """`forward_kinematics` of this arm."""
-    arm._check_masses(names)
+    arm.check_masses(names)
     nominal = {p.name: p.nominal for p in arm.offered.values()}
     # Nothing between the root and this link moves with the chain.
     top = arm.model.frames[arm.model.getFrameId(arm.chain.top, pin.FrameType.BODY)].placement
     gravity = top.rotation.T @ arm.model.gravity.linear
-    chain = arm.segments, names, nominal, arm.loads, gravity, conditions, rows
+    width = len(arm.readings)
+    chain = arm.segments, names, nominal, arm.loads, gravity, conditions, rows, width
     return _kinematics_of(pickle.dumps(chain))
 
 

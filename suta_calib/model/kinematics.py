@@ -291,6 +291,7 @@ def forward_kinematics(
     gravity: FloatArray | None = None,
     conditions: Sequence[Condition] = (),
     rows: int | None = None,
+    width: int = 0,
 ) -> Symbol:
     """The chain's kinematics as a CasADi function of the named parameters and one sample.
 
@@ -303,6 +304,8 @@ def forward_kinematics(
             likewise.
         conditions: what is said of a sample beside its readings.
         rows: of the Jacobian, of so many parameters, the first ones; of all by default.
+        width: columns of readings, of which the chain may need but some; as many as it needs by
+            default.
 
     Returns:
         ``ca.Function(theta (n), q (readings)) -> (rotation (9, column by column), position (3),
@@ -312,7 +315,7 @@ def forward_kinematics(
     """
     theta = ca.SX.sym("theta", len(names))
     moving = [s for s in segments if s.motion != "fixed"]
-    q = ca.SX.sym("q", 1 + max((s.column for s in moving), default=-1))
+    q = ca.SX.sym("q", max(width, 1 + max((s.column for s in moving), default=-1)))
     walk = _Walk(names, theta, nominal, rows)
     if gravity is not None and any(walk.matters(n) for s in moving for n in s.names(COMPLIANCE)):
         # A per cent of a deflection is nothing: the torque is that of the arm as the URDF has it.

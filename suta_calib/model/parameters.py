@@ -24,6 +24,8 @@ from suta_calib.units import Unit, from_deg
 from suta_calib.words import listed
 
 GEOMETRIC: Final = "geometric"
+# The two ends of a chain.
+End = Literal["base", "tip"]
 # Keys of a placement, in the order of its numbers; of a joint that moves; of what is no geometry.
 POSITION: Final = ("x", "y", "z")
 ROTATION: Final = ("rx", "ry", "rz")

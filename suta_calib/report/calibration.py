@@ -138,9 +138,9 @@ def _first_screen(result: Calibration) -> Iterator[Part]:
 
 def _about(result: Calibration) -> Iterator[tuple[str, str]]:
     job, solution = result.job, result.solution
-    chain = job.arm.chain
-    joints = f"{len(job.arm.joints)} joints from {chain.base} to {chain.tip}"
-    yield "arm", f"{chain.robot}, {joints}; {chain.path.name}"
+    ends = [(len(a.own_joints), a.chain.base, a.chain.tip) for a in job.arm.arms]
+    chains = "; ".join(f"{count} joints from {base} to {tip}" for count, base, tip in ends)
+    yield "arm", f"{job.arm.robot}, {chains}; {job.arm.urdf[0].name}"
     for name, terms in (("fitted", job.observations), ("validation", job.validation)):
         yield name, "; ".join(map(_counted, terms)) or "nothing"
     estimated = sum(e.std is not None for e in solution.arm_estimates.values())

@@ -258,7 +258,7 @@ def _bench_yaml(plan: Plan) -> str:
 
 def _joints(plan: Plan) -> dict[str, Unit]:
     """Joints with the units of their readings."""
-    moving = plan.situation.arm.chain.moving
+    moving = plan.situation.arm.readings
     return {joint.name: "m" if joint.type == "prismatic" else "rad" for joint in moving}
 
 

@@ -99,7 +99,7 @@ class InverseKinematics:
         nominal = {n: arm.parameters[n].nominal for n in offsets}
         self._theta = np.array([(nominal | dict(values))[n] for n in (*offsets, *geometry)])
         unlimited = full_circle(self.true)
-        limits = np.array([(joint.lower, joint.upper) for joint in arm.chain.moving]).T
+        limits = np.array([(joint.lower, joint.upper) for joint in arm.readings]).T
         self._lower, self._upper = np.where(unlimited, [[-np.inf], [np.inf]], limits)
 
     @property
@@ -229,7 +229,7 @@ class InverseKinematics:
 
     def _range(self) -> tuple[FloatArray, FloatArray]:
         """Finite limits to draw readings from."""
-        prismatic = np.array([joint.type == "prismatic" for joint in self.arm.chain.moving])
+        prismatic = np.array([joint.type == "prismatic" for joint in self.arm.readings])
         reach = np.where(prismatic, 1.0, np.pi)
         lower = np.where(np.isfinite(self._lower), self._lower, -reach)
         return lower, np.where(np.isfinite(self._upper), self._upper, reach)

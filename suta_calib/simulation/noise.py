@@ -134,7 +134,7 @@ def encoder_readings(
     rng: np.random.Generator, noise: NoiseLevels, arm: ArmModel, q: FloatArray
 ) -> FloatArray:
     """Noisy, wrapped, then quantised readings (n, joints) of encoders that ought to report q."""
-    prismatic = np.array([joint.type == "prismatic" for joint in arm.chain.moving])
+    prismatic = np.array([joint.type == "prismatic" for joint in arm.readings])
     std = np.where(prismatic, noise.encoder_length, noise.encoder_angle)
     readings = wrapped(arm, q + std * rng.standard_normal(q.shape))
     if noise.encoder_bits:
@@ -159,7 +159,7 @@ def full_circle(arm: ArmModel) -> NDArray[np.bool_]:
     turning = np.array(
         [
             joint.type != "prismatic" and joint.upper - joint.lower >= 2 * np.pi - 1e-6
-            for joint in arm.chain.moving
+            for joint in arm.readings
         ]
     )
     for mover, ratios in zip(arm.movers, arm.gearing, strict=True):

@@ -22,8 +22,10 @@ from suta_calib.arrays import FloatArray
 from suta_calib.geometry.numbers import rotation_from_vector, vector_from_rotation
 from suta_calib.model.parameters import OFFSET, PLACEMENT, POSITION, ROTATION
 from suta_calib.solver.problem import Problem
+from suta_calib.terms.poses import ArmPoses
 
 if TYPE_CHECKING:
+    from suta_calib.model.arm import ArmModel
     from suta_calib.model.kinematics import Segment
     from suta_calib.terms.term import Mount
 
@@ -37,26 +39,32 @@ class FreeMount:
 
     Attributes:
         problem: they are of.
+        arm: the chain that they are of.
         segments: of the arm, from the last moving one on.
         names: of these parameters (n,).
         lower, upper: (n,) their bounds, m or rad.
     """
 
     problem: Problem
+    arm: ArmModel
     segments: tuple[Segment, ...]
     names: tuple[str, ...]
     lower: FloatArray
     upper: FloatArray
 
     @classmethod
-    def of(cls, problem: Problem, held: Collection[int] = ()) -> Self | None:
-        """The mount of a problem's arm, of which some parameters are held at nominal.
+    def of(cls, problem: Problem, held: Collection[int] = ()) -> tuple[Self, ...]:
+        """The mounts of a problem's chains, where some parameters are held at nominal.
 
-        None where a descent from nominal finds it anyway.
+        None of a chain where a descent from nominal finds it anyway.
         """
-        if problem.arm is None:
-            return None
-        segments = problem.arm.segments
+        arms = () if problem.arm is None else problem.arm.arms
+        mounts = (cls._of_chain(problem, arm, held) for arm in arms)
+        return tuple(mount for mount in mounts if mount is not None)
+
+    @classmethod
+    def _of_chain(cls, problem: Problem, arm: ArmModel, held: Collection[int]) -> Self | None:
+        segments = arm.segments
         moving = [k for k, segment in enumerate(segments) if segment.motion != "fixed"]
         tail = tuple(segments[moving[-1] if moving else 0 :])
         # Of a joint that is climbed its own placement stands behind the motion: no arm's last one.
@@ -79,7 +87,7 @@ class FreeMount:
         if not any(p in free and (p.key != OFFSET or len(offsets) == 1) for p in wide):
             return None
         bounds = (np.array([getattr(p, key) for p in free]) for key in ("lower", "upper"))
-        return cls(problem, tail, tuple(p.name for p in free), *bounds)
+        return cls(problem, arm, tail, tuple(p.name for p in free), *bounds)
 
     def starts(self, values: Mapping[str, float]) -> list[dict[str, float]]:
         """Arm values whose tip is where what each term sees is, as far as bounds allow."""
@@ -87,6 +95,8 @@ class FreeMount:
         given = nominal | dict(values)
         starting_values = []
         for term in self.problem.terms:
+            if not isinstance(term.poses, ArmPoses) or term.poses.arm is not self.arm:
+                continue
             mount = term.mount(*term.poses.at(given))
             if mount is not None:
                 starting_values.append(given | self._reached(given, mount))

@@ -18,10 +18,13 @@ import numpy as np
 
 from suta_calib.arrays import FloatArray, IntArray
 from suta_calib.errors import ParameterError
+from suta_calib.model.arm import ArmModel
 from suta_calib.model.parameters import Parameter, ParameterSet
+from suta_calib.model.robot import Robot, joined
 from suta_calib.solver.evaluation import BlockView, Evaluation, Linearised
 from suta_calib.terms.block import Block, grouped_rows
 from suta_calib.terms.poses import ArmPoses
+from suta_calib.terms.several_chains import over_one_mechanism
 from suta_calib.terms.term import Term
 from suta_calib.units import Unit
 
@@ -61,11 +64,12 @@ class Problem:
     Attributes:
         parameters: the arm's, then the terms' own.
         arm_parameters: the arm's alone.
-        arm: the arm all terms share, or None.
+        arm: the arm that all terms share; the robot whose chains they are over; or None.
         arm_count: how many of the parameters are the arm's.
 
     Raises:
-        ParameterError: no term, terms over different arms, or one name for different unknowns.
+        ParameterError: no term, terms over arms that are no chains of one robot, or one name for
+            different unknowns.
     """
 
     def __init__(self, terms: Sequence[Term], parameters: ParameterSet | None = None) -> None:
@@ -78,10 +82,9 @@ class Problem:
             raise ParameterError(repr(parameters), "parameters", where="Problem", hint=hint)
         if not self.terms:
             raise ParameterError("no observations", "at least one term")
-        arms = [t.poses.arm for t in self.terms if isinstance(t.poses, ArmPoses)]
-        if any(arm is not arms[0] for arm in arms):
-            raise ParameterError("terms over different arms", "one arm shared by all terms")
-        self.arm = arms[0] if arms else None
+        self.terms = over_one_mechanism(self.terms)
+        arms = tuple(t.poses.arm for t in self.terms if isinstance(t.poses, ArmPoses))
+        self.arm: ArmModel | Robot | None = joined(arms) if arms else None
         chosen = ParameterSet() if parameters is None else parameters
         own_parameters = _own_parameters(self.terms)
         self.parameters = (

@@ -298,28 +298,35 @@ def start_points(
         0.0 if k in fixed or not p.free else min(p.plausible, p.prior or math.inf)
         for k, p in enumerate(arm)
     ]
-    points, mount = [_first(problem, nominal, fixed)], FreeMount.of(problem, fixed)
+    points, mounts = [_first(problem, nominal, fixed)], FreeMount.of(problem, fixed)
     for _ in range(options.starts - 1):
         draw = random.uniform(-1.0, 1.0, len(reach)) * reach
         values = {p.name: p.nominal + float(d) for p, d in zip(arm, draw, strict=True)}
         drawn = [problem.start(values)]
-        if mount is not None:
-            drawn += _mounted(problem, mount, values)
+        drawn += _mounted(problem, mounts, values)
         points.append(_lowest(problem, drawn))
     return points
 
 
 def _first(problem: Problem, nominal: FloatArray, fixed: Collection[int] = ()) -> FloatArray:
     """Where the first start begins: at nominal but for a mount that is wide open."""
-    mount = FreeMount.of(problem, fixed)
-    return nominal if mount is None else _lowest(problem, [nominal, *_mounted(problem, mount)])
+    mounts = FreeMount.of(problem, fixed)
+    return _lowest(problem, [nominal, *_mounted(problem, mounts)])
 
 
 def _mounted(
-    problem: Problem, mount: FreeMount, values: Mapping[str, float] = MappingProxyType({})
+    problem: Problem,
+    mounts: Sequence[FreeMount],
+    values: Mapping[str, float] = MappingProxyType({}),
 ) -> list[FloatArray]:
-    """Starts whose tip is where each instrument sees it."""
-    return [problem.start(arm_values) for arm_values in mount.starts(values)]
+    """Starts whose tip is where each instrument sees it; of several chains all tips at once."""
+    if len(mounts) == 1:
+        return [problem.start(arm_values) for arm_values in mounts[0].starts(values)]
+    together = dict(values)
+    for mount in mounts:
+        for start in mount.starts(together)[:1]:
+            together |= {name: start[name] for name in mount.names}
+    return [problem.start(together)] if mounts else []
 
 
 def _lowest(problem: Problem, points: Sequence[FloatArray]) -> FloatArray:

@@ -120,7 +120,7 @@ def prior_groups(problem: Problem) -> list[str | None]:
     for p in problem.arm_parameters.values():
         if p.prior is None or p.prior_fixed:
             groups.append(None)
-        elif problem.arm is not None and p.owner == problem.arm.tip:
+        elif problem.arm is not None and p.owner in problem.arm.tips:
             groups.append("tip")
         elif not p.geometric:
             kinds = {GAIN: "gains", COMPLIANCE: "compliances", EXPANSION: "expansions"}

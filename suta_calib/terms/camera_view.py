@@ -26,7 +26,7 @@ from suta_calib.measurements import (
     read_corners,
 )
 from suta_calib.measurements.marker_axes import markers_as_seen
-from suta_calib.model.parameters import PLACEMENT, Parameter
+from suta_calib.model.parameters import PLACEMENT, End, Parameter
 from suta_calib.terms.block import LEARNT, Block, Noise
 from suta_calib.terms.board_pictures import BoardPictures
 from suta_calib.terms.board_sight import BoardSight, OnePoint
@@ -261,15 +261,17 @@ class CameraView(FramedTerm):
         once = (
             other.prior
             for other in views
-            if other.label == self.label and other.camera.corners and other.prior is not None
+            if other.owners[2] == self.owners[2]
+            and other.camera.corners
+            and other.prior is not None
         )
         term = replace(self, prior=next(once, None)) if self.prior is None else self
-        same_mount = (o for o in views if (o.target, o.setup) == (self.target, self.setup))
+        same_mount = (o for o in views if (o.owners[1], o.setup) == (self.owners[1], self.setup))
         first = next(same_mount, self)
         if first is self or not self.board.symmetric or self.poses.samples.pixels is None:
             return term
         hands = self._to_board, first._to_board
-        same = self.label == first.label
+        same = self.owners[2] == first.owners[2]
         return term._with_pixels(
             self.pictures.numbered_as(first.pictures, hands, self._names, same=same)
         )
@@ -289,8 +291,14 @@ class CameraView(FramedTerm):
     def owners(self) -> tuple[str, str, str]:
         """Owners of the camera's pose, of the board's, and of the intrinsics."""
         eye, board = (frame.owner for frame in self.frames)
-        camera = labelled("camera", self.label)
-        return labelled(eye, self.label), labelled(board, self.target), camera
+        sees, seen = self._labels
+        return labelled(eye, sees), labelled(board, seen), labelled("camera", sees)
+
+    @property
+    def _labels(self) -> tuple[str, str]:
+        """Of the camera and of the board, beside those of other chains."""
+        ends: tuple[End, End] = ("tip", "base") if self.setup == "eye-in-hand" else ("base", "tip")
+        return self.poses.label(self.label, ends[0]), self.poses.label(self.target, ends[1])
 
     @property
     def frame_names(self) -> list[str]:
@@ -480,9 +488,10 @@ class CameraView(FramedTerm):
         # What is found from a row's own corners differs from row to row.
         if self.prior is None or self.camera.corners:
             of_camera["camera"] = self.camera.values
+        sees, seen = self._labels
         return {
-            **{(key, "label", self.label): value for key, value in of_camera.items()},
-            ("board", "target", self.target): self.board.row(),
+            **{(key, "label", sees): value for key, value in of_camera.items()},
+            ("board", "target", seen): self.board.row(),
         }
 
     @property

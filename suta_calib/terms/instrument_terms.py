@@ -90,7 +90,8 @@ class InstrumentTerm(FramedTerm):
     @property
     def frame_names(self) -> list[str]:
         """Owners of the unknowns of its frames."""
-        return [labelled(frame.owner, self.label) for frame in self.frames]
+        label = self.poses.label
+        return [labelled(f.owner, label(self.label, f.end)) for f in self.frames]
 
     @cached_property
     def own_parameters(self) -> tuple[Parameter, ...]:

@@ -11,6 +11,7 @@ import numpy as np
 from suta_calib.arrays import BoolArray, FloatArray
 from suta_calib.display import Displayable
 from suta_calib.measurements.camera import Camera
+from suta_calib.model.parameters import End
 from suta_calib.terms.poses import PoseSource
 
 
@@ -32,6 +33,11 @@ class TrueFrame:
     about: str
     required: bool
     seen_from: bool = False
+
+    @property
+    def end(self) -> End:
+        """Which end of the chain it moves with."""
+        return "tip" if self.key.endswith("_in_tip") else "base"
 
 
 @dataclass(frozen=True, eq=False)

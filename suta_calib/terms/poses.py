@@ -6,6 +6,7 @@ geometry; for a body that was tracked it is a measurement. Terms are written ove
 
 from __future__ import annotations
 
+import math
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -20,6 +21,7 @@ from suta_calib.arrays import FloatArray, IntArray
 from suta_calib.errors import SamplesError
 from suta_calib.measurements.sample_files import JointRange, check_readings
 from suta_calib.measurements.samples import Samples
+from suta_calib.model.parameters import End
 from suta_calib.terms.block import numbered
 
 if TYPE_CHECKING:
@@ -62,6 +64,11 @@ class PoseSource(ABC):
         """
         return self.rests
 
+    def label(self, label: str, end: End) -> str:
+        """The label of something in the base or on the tip, beside those of other chains."""
+        del end
+        return label
+
     @abstractmethod
     def at(self, values: Mapping[str, float]) -> tuple[FloatArray, FloatArray]:
         """Rotations (n, 3, 3) and positions (n, 3), m, for parameter values by name."""
@@ -79,15 +86,19 @@ class PoseSource(ABC):
 @lru_cache(maxsize=8)
 def joint_ranges(arm: ArmModel) -> tuple[JointRange, ...]:
     """What the columns of a samples file must hold for this arm."""
+    own = set(arm.own_joints)
     followers = {
         joint.name: tuple(n for n, read in arm.read_from.items() if n != joint.name == read)
-        for joint in arm.chain.moving
+        for joint in arm.readings
     }
     return tuple(
         JointRange(
-            *(j.name, "m" if j.type == "prismatic" else "rad", j.lower, j.upper), followers[j.name]
+            *(j.name, "m" if j.type == "prismatic" else "rad"),
+            # Another chain's reading that the samples lack is zero, whatever its limits are.
+            *((j.lower, j.upper) if j.name in own else (-math.inf, math.inf)),
+            followers[j.name],
         )
-        for j in arm.chain.moving
+        for j in arm.readings
     )
 
 
@@ -141,6 +152,10 @@ class ArmPoses(PoseSource):
     def postures(self) -> IntArray:
         """Rows whose readings hardly differ, as those of all samples tell."""
         return self._standing.postures
+
+    def label(self, label: str, end: End) -> str:
+        """With the name of the chain's end, where a robot has several chains (`Bodies`)."""
+        return self.arm.bodies.label(label, end)
 
     def at(self, values: Mapping[str, float]) -> tuple[FloatArray, FloatArray]:
         """Forward kinematics of the samples."""

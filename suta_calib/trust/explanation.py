@@ -353,9 +353,11 @@ def _rigid(case: _Case) -> Explanation | None:
     # With a tool that never tilts both fit: then the parameters' place in the chain decides.
     if in_base and in_tool:
         assert case.problem.arm is not None
-        order = [segment.owner for segment in case.problem.arm.segments]
         main = case.motion.main
-        strongest = case.problem.parameters[main[0]].owner if main else order[0]
+        first = case.problem.arm.segments[0].owner
+        strongest = case.problem.parameters[main[0]].owner if main else first
+        orders = [[s.owner for s in arm.segments] for arm in case.problem.arm.arms]
+        order = next(order for order in orders if strongest in order)
         in_base = order.index(strongest) < 0.5 * max(len(order) - 1, 1)
         in_tool = not in_base
     terms = case.problem.terms

@@ -13,7 +13,7 @@ import numpy as np
 
 from suta_calib.arrays import FloatArray
 from suta_calib.errors import UrdfError
-from suta_calib.model.arm import ArmModel
+from suta_calib.model.mechanism import Mechanism
 from suta_calib.model.parameters import COMPLIANCE, COUPLING, FAMILIES, OFFSET, Family, ParameterSet
 from suta_calib.solver.information import robust_curvature, whitened_rows
 from suta_calib.solver.problem import Problem
@@ -30,23 +30,24 @@ LOOKS_LIKE: Final[dict[Family, str]] = {
 }
 
 
-def neighbours(arm: ArmModel) -> dict[str, tuple[str, str]]:
+def neighbours(arm: Mechanism) -> dict[str, tuple[str, str]]:
     """Couplings to look for, by name: which joint is moved, and by whose motor.
 
     Those of neighbours in the chain, in either direction, and those that a ``<transmission>`` of
     the URDF says: any two joints together would explain any error.
     """
-    order = [segment.owner for segment in arm.movers]
     pairs = {}
-    for name, other in arm.couplings.items():
-        moved = arm.nongeometric[name].owner
-        beside = other in order and abs(order.index(moved) - order.index(other)) == 1
-        if beside or other in arm.chain.coupled.get(moved, ()):
-            pairs[name] = (moved, other)
+    for chain in arm.arms:
+        order = [segment.owner for segment in chain.movers]
+        for name, other in chain.couplings.items():
+            moved = chain.nongeometric[name].owner
+            beside = other in order and abs(order.index(moved) - order.index(other)) == 1
+            if beside or other in chain.chain.coupled.get(moved, ()):
+                pairs[name] = (moved, other)
     return pairs
 
 
-def offered_names(arm: ArmModel) -> dict[tuple[str, Family], tuple[str, ...]]:
+def offered_names(arm: Mechanism) -> dict[tuple[str, Family], tuple[str, ...]]:
     """Names by joint and family that this arm can be given; no compliance without masses.
 
     Of couplings those of `neighbours`.

@@ -19,6 +19,7 @@ from suta_calib.arrays import BoolArray, FloatArray
 from suta_calib.errors import SamplesError
 from suta_calib.geometry.numbers import random_rotations, skew
 from suta_calib.measurements import Artefact, Landmark, Samples
+from suta_calib.model.arm import ArmModel
 from suta_calib.simulation.inverse_kinematics import InverseKinematics, Targets
 from suta_calib.solver.identifiability import WEAK, schur_complement
 from suta_calib.solver.information import whitened_rows
@@ -102,6 +103,21 @@ class _Exact:
         return rotation
 
 
+@dataclass(frozen=True, eq=False)
+class _Reached:
+    """A chain, and the same at the values in question: its kinematics have nothing unknown."""
+
+    arm: ArmModel
+    known: ArmModel
+
+    @cached_property
+    def kinematics(self) -> InverseKinematics:
+        return InverseKinematics(self.known, {})
+
+    def random_readings(self) -> FloatArray:
+        return self.kinematics.random_readings(np.random.default_rng(0), PLACES * ROWS)
+
+
 class RichData:
     """Data of any sorts over one arm, and what they tell of its free parameters.
 
@@ -125,8 +141,7 @@ class RichData:
         self.unit = self._parameters.array("plausible")[self._free]
         self._values = {name: self._own[name] for name in self._parameters}
         # The same arm, whose kinematics then have nothing unknown, and cost little.
-        self._known = problem.arm.at(self._values)
-        self._kinematics = InverseKinematics(self._known, {})
+        self._reached = [_Reached(arm, arm.at(self._values)) for arm in problem.arm.arms]
         self._told: dict[tuple[type[Term], bool] | int, FloatArray] = {}
 
     def registered(self, direction: FloatArray) -> float:
@@ -135,17 +150,20 @@ class RichData:
         A rigid registration takes out what is common to all of them: zero where nothing is left,
         or the parts of the direction cancel.
         """
-        return self._anywhere.moved(direction * self.unit)
+        return max(tip.moved(direction * self.unit) for tip in self._anywhere)
 
     @cached_property
-    def _anywhere(self) -> Sensitivity:
-        q = self._kinematics.random_readings(np.random.default_rng(0), PLACES * ROWS)
-        return sensitivity(self._arm, self._values, self.names, q)
+    def _anywhere(self) -> list[Sensitivity]:
+        """Of each chain's tip."""
+        return [
+            sensitivity(chain.arm, self._values, self.names, chain.random_readings())
+            for chain in self._reached
+        ]
 
     def tells(self, kind: type[Term], oriented: bool) -> FloatArray:
         """Information (n, n) that data of one sort add, with whatever they leave unknown."""
         if (kind, oriented) not in self._told:
-            observed = self._observed([Sort(kind, oriented)])
+            observed = self._observed([(Sort(kind, oriented), c) for c in self._reached])
             nothing = np.zeros((len(self.unit),) * 2)
             self._told[kind, oriented] = nothing if observed is None else observed[1]
         return self._told[kind, oriented]
@@ -156,13 +174,18 @@ class RichData:
         if k not in self._told:
             random, terms = np.random.default_rng(k), list[Term]()
             for term in self._problem.terms:
-                samples = term.poses.samples
+                samples, chain = term.poses.samples, self._chain_of(term)
                 q = samples.q.copy()
-                q[:, k] = self._kinematics.random_readings(random, len(q))[:, k]
-                moved = term.over_poses(ArmPoses(self._known, replace(samples, q=q)))
-                terms.append(self._ideal(moved, random, self._own))
+                q[:, k] = chain.kinematics.random_readings(random, len(q))[:, k]
+                moved = term.over_poses(ArmPoses(chain.known, replace(samples, q=q)))
+                terms.append(self._ideal(moved, chain, random, self._own))
             _, self._told[k] = self._information(terms, self._own)
         return self._told[k]
+
+    def _chain_of(self, term: Term) -> _Reached:
+        assert isinstance(term.poses, ArmPoses)
+        arm = term.poses.arm
+        return next(chain for chain in self._reached if chain.arm is arm)
 
     @cached_property
     def _same(self) -> tuple[FloatArray, FloatArray]:
@@ -170,8 +193,9 @@ class RichData:
 
         Open is what even rich data tell so badly that it would be held.
         """
-        sorts = [Sort.of(term) for term in self._problem.terms]
-        observed = self._observed([s for k, s in enumerate(sorts) if s not in sorts[:k]])
+        pairs = [(Sort.of(term), self._chain_of(term)) for term in self._problem.terms]
+        sorts = [sort for sort, _ in pairs]
+        observed = self._observed([pair for k, pair in enumerate(pairs) if pair not in pairs[:k]])
         if observed is None:
             return np.zeros((len(self.unit), 0)), np.zeros((len(self.unit),) * 2)
         problem, information = observed
@@ -213,13 +237,15 @@ class RichData:
         """Information (n, n) of the problem's own sorts."""
         return self._same[1]
 
-    def _observed(self, sorts: Sequence[Sort]) -> tuple[Problem, FloatArray] | None:
-        """Rich data of these sorts; None where the arm can neither touch nor see any of it."""
+    def _observed(
+        self, sorts: Sequence[tuple[Sort, _Reached]]
+    ) -> tuple[Problem, FloatArray] | None:
+        """Rich data of sorts, each by a chain; None where it can neither touch nor see any."""
         values = dict(self._values)
         terms = []
-        for k, sort in enumerate(sorts):
+        for k, (sort, chain) in enumerate(sorts):
             try:
-                term, own_values = self.observations(sort, f"rich {k}")
+                term, own_values = self._observations(sort, f"rich {k}", chain)
             except SamplesError:
                 # No posture of this arm shows such a kind anything, as a board to its camera.
                 continue
@@ -246,7 +272,12 @@ class RichData:
         return problem, np.asarray((vectors * size) @ vectors.T)
 
     def observations(self, sort: Sort, label: str) -> tuple[Term, dict[str, float]]:
-        """Rich data of one sort, without noise, and what is true of their own unknowns."""
+        """Rich data of one sort, by the first chain: without noise, and what is true of them."""
+        return self._observations(sort, label, self._reached[0])
+
+    def _observations(
+        self, sort: Sort, label: str, chain: _Reached
+    ) -> tuple[Term, dict[str, float]]:
         kind, random = sort.kind, np.random.default_rng(0)
         touches = kind.medium == "touch"
         n = math.ceil(PLACES * ROWS / kind.chance)
@@ -257,9 +288,9 @@ class RichData:
         if kind.needs_artefact:
             repeat, mark = np.divmod(row, len(artefact.landmarks))
             labels |= {"repeat": [str(k) for k in repeat], "landmark": [f"L{k}" for k in mark]}
-        q = self._kinematics.random_readings(random, n)
+        q = chain.kinematics.random_readings(random, n)
         samples = Samples.from_arrays(
-            self._arm.joints,
+            chain.arm.joints,
             q,
             labels=labels,
             position=np.zeros((n, 3)) if kind.columns.position else None,
@@ -268,22 +299,28 @@ class RichData:
             else None,
             numbers={} if touches else {c.name: np.zeros(n) for c in kind.columns.numbers},
         )
-        poses: PoseSource = ArmPoses(self._known, samples)
+        poses: PoseSource = ArmPoses(chain.known, samples)
         if touches:
-            _, centre = self._known.forward(q[:PLACES])
+            _, centre = chain.known.forward(q[:PLACES])
             about = centre[place] + random.uniform(-EXTENT, EXTENT, (n, 3))
-            poses = _Exact(self._kinematics, random).touched(poses, about, 0.0)
+            poses = _Exact(chain.kinematics, random).touched(poses, about, 0.0)
             numbers = kind.measured(centre[place], poses.at({})[1], sort.settings)
             poses = poses.with_samples(replace(poses.samples, numbers=numbers))
         noise = sort.noise, sort.angular_noise
         term = kind.over(poses, Setup(artefact, *noise, label, sort.seating, sort.settings))
         anywhere = {p.name: random.uniform(-0.5, 0.5) for p in term.own_parameters}
         own_values = term.start_values({}) if touches else anywhere
-        return self._ideal(term, random, self._values | own_values), own_values
+        return self._ideal(term, chain, random, self._values | own_values), own_values
 
-    def _ideal(self, term: Term, random: np.random.Generator, values: Mapping[str, float]) -> Term:
+    def _ideal(
+        self,
+        term: Term,
+        chain: _Reached,
+        random: np.random.Generator,
+        values: Mapping[str, float],
+    ) -> Term:
         """The term over ideal measurements near the given postures, of the arm in question."""
-        exact = _Exact(self._kinematics, random)
+        exact = _Exact(chain.kinematics, random)
         ideal = term.resimulated(values, [0.0] * len(term.blocks), exact)
         if exact.reached is not None:
             ideal = ideal.take(exact.reached)
@@ -291,7 +328,7 @@ class RichData:
         if pixels is not None:
             in_sight = np.flatnonzero(np.isfinite(pixels).any(axis=(1, 2)))
             ideal = ideal.take(in_sight[: PLACES * ROWS])
-        return ideal.over_poses(ArmPoses(self._arm, ideal.poses.samples))
+        return ideal.over_poses(ArmPoses(chain.arm, ideal.poses.samples))
 
 
 def _artefact(*, oriented: bool) -> Artefact:

@@ -71,8 +71,8 @@ class Calibrated(Displayable):
         }
         fitted, held_out = (tuple(term.term for term in terms) for terms in sets.values())
         return cls(
-            title or arm.chain.path.name,
-            arm,
+            title or arm.urdf[0].name,
+            arm.chosen(),
             solution.values,
             *solution.arm_covariance,
             term_sets(fitted, held_out, solution.values, accuracy.held_out_values),

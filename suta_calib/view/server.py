@@ -241,7 +241,7 @@ class Viewer:
         readings = np.vstack([scene.q, scene.rows.q]) if len(scene.rows) else scene.q[None]
         self.joints = [
             _joint_slider(self.server.gui, joint, column)
-            for joint, column in zip(arm.chain.moving, readings.T, strict=True)
+            for joint, column in zip(arm.readings, readings.T, strict=True)
         ]
         self._units = list(arm.units.values())
         for k, (slider, unit) in enumerate(zip(self.joints, self._units, strict=True)):

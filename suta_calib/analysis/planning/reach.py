@@ -82,7 +82,7 @@ class Reach(Displayable):
         by_name |= self._points([p for p in places if isinstance(p, TouchPoint)])
         for place in places:
             if isinstance(place, Posture):
-                q, moving = place.readings, self.situation.arm.chain.moving
+                q, moving = place.readings, self.situation.arm.readings
                 off = [
                     joint.name
                     for joint, reading in zip(moving, q, strict=True)

@@ -264,8 +264,8 @@ def _postures(
     chosen = _first(q[region.inside(position)], situation.in_sight, pool.poses)
     if len(chosen) < pool.poses / 4:
         chosen = _first(q, situation.in_sight, pool.poses)
-    turning = [joint.type != "prismatic" for joint in situation.arm.chain.moving]
-    limits = np.array([(joint.lower, joint.upper) for joint in situation.arm.chain.moving])
+    turning = [joint.type != "prismatic" for joint in situation.arm.readings]
+    limits = np.array([(joint.lower, joint.upper) for joint in situation.arm.readings])
     # In whole degrees, within the limits.
     rounded = np.clip(from_deg(np.round(deg(chosen))), *limits.T)
     return [Posture(f"A{next(names)}", row) for row in np.where(turning, rounded, chosen)]

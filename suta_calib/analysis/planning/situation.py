@@ -69,7 +69,7 @@ class Situation(Displayable):
     def arm(self) -> ArmModel:
         """The arm that all terms share."""
         assert self.problem.arm is not None
-        return self.problem.arm
+        return self.problem.arm.chosen()
 
     @cached_property
     def values(self) -> dict[str, float]:

@@ -34,4 +34,4 @@ class JointUnit(MisreadJoints):
 
 
 def _factors(arm: ArmModel) -> list[float]:
-    return [1.0 if joint.type == "prismatic" else from_deg(1.0) for joint in arm.chain.moving]
+    return [1.0 if joint.type == "prismatic" else from_deg(1.0) for joint in arm.readings]

@@ -24,7 +24,7 @@ class JointZero(MisreadJoints):
     def of_arm(self, arm: ArmModel) -> Iterator[tuple[str, Change]]:
         """Three for each revolute joint."""
         identity = np.eye(len(arm.joints))
-        for k, joint in enumerate(arm.chain.moving):
+        for k, joint in enumerate(arm.readings):
             for angle in (90.0, -90.0, 180.0) if joint.type != "prismatic" else ():
                 change = partial(mapped, identity, from_deg(angle) * identity[k])
                 yield f"{arm.joints[k]} reads {-angle:g}° too much", change

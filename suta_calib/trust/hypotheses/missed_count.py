@@ -66,7 +66,7 @@ class MissedCount(Reinterpretation):
             arm = arm_of(data.terms[0])
             touches = _Touches(tuple(term.single_touches() for term in data.terms))
             before = np.mean(touches.squares(touches.none, touches.registered(touches.none)))
-            turning = [k for k, j in enumerate(arm.chain.moving) if j.type != "prismatic"]
+            turning = [k for k, j in enumerate(arm.readings) if j.type != "prismatic"]
             # Of an arm with more joints all would take too long.
             if len(turning) > 16:
                 return

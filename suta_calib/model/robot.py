@@ -1,0 +1,259 @@
+"""Several chains of one URDF that share joints: two arms on a torso, a head that sees a hand."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from functools import cached_property, lru_cache
+from pathlib import Path
+from typing import final
+
+from suta_calib.errors import ParameterError, did_you_mean
+from suta_calib.inputs import XacroFile
+from suta_calib.model.arm import ArmModel, Bodies, tip_owner
+from suta_calib.model.chain import Chain, ChainJoint, chain_of
+from suta_calib.model.kinematic_urdf import pinocchio_model
+from suta_calib.model.kinematics import Segment
+from suta_calib.model.mechanism import Mechanism, Origins, union
+from suta_calib.model.parameters import ParameterSet
+from suta_calib.model.urdf_tree import UrdfTree, read_tree
+
+
+@final
+class Robot(Mechanism):
+    """Chains of one URDF: what they share is one unknown.
+
+    ::
+
+        robot = Robot.from_urdf("robot.urdf")
+        left, right = robot.chain(tip="left_hand"), robot.chain(tip="right_hand")
+        terms = [TrackedPoint.from_arrays(left, q, position=p),
+                 TrackedPoint.from_arrays(right, q2, position=p2)]
+        result = calibrate(robot, terms)
+
+    Readings of a chain are those of its own joints, as of any `ArmModel`. `arms` are the same
+    chains with the columns of `readings`, which all of them share: the terms of one problem are
+    over these (`terms.several_chains`).
+
+    Attributes:
+        chains: by name, as they were asked for.
+    """
+
+    def __init__(self, chains: Mapping[str, ArmModel], tree: UrdfTree | None = None) -> None:
+        self.chains = dict(chains)
+        self._tree = tree
+
+    @classmethod
+    def from_urdf(
+        cls,
+        urdf: str | Path | XacroFile,
+        chains: Mapping[str, tuple[str, str | None]] | None = None,
+    ) -> Robot:
+        """Read a robot.
+
+        Args:
+            urdf: as of `ArmModel.from_urdf`.
+            chains: tip and base of each chain, by name; None as base is the root link. `chain` adds
+                others.
+
+        Raises:
+            UrdfError: no such file or link, or a chain that cannot be used (`chain.read_chain`).
+        """
+        robot = cls({}, read_tree(urdf))
+        assert robot._tree is not None
+        read = {n: chain_of(robot._tree, *ends) for n, ends in (chains or {}).items()}
+        robot._add(read)
+        return robot
+
+    def chain(self, tip: str, base: str | None = None, name: str = "") -> ArmModel:
+        """The chain from ``base`` to ``tip``, as part of this robot.
+
+        Args:
+            tip: any link or frame, as of `ArmModel.from_urdf`.
+            base: the same; the root link by default.
+            name: what results and labels call it; the tip's name by default.
+
+        Raises:
+            UrdfError: no such link, or a chain that cannot be used.
+            ParameterError: the name is that of another chain.
+        """
+        if self._tree is None:
+            raise ParameterError("a robot of given chains", "one of Robot.from_urdf", where="chain")
+        chain = chain_of(self._tree, tip, base)
+        for known in self.chains.values():
+            if (known.chain.base, known.chain.tip) == (chain.base, chain.tip):
+                return known
+        name = name or (tip if tip not in self.chains else f"{chain.base} to {tip}")
+        if name in self.chains:
+            hint = "give it another name"
+            raise ParameterError(repr(name), "a name for one chain", where="chain", hint=hint)
+        self._add({name: chain})
+        return self.chains[name]
+
+    def _add(self, chains: Mapping[str, Chain]) -> None:
+        tips = dict[str, str]()
+        # What a chain has called a joint, the next ones call it too.
+        for arm in self.chains.values():
+            tips |= {
+                joint.name: segment.owner
+                for joint, segment in zip(arm.chain.joints, arm.segments, strict=True)
+                if segment.owner != joint.name
+            }
+        for chain in chains.values():
+            tips = tip_owner(chain) | tips
+        for name, chain in chains.items():
+            assert self._tree is not None
+            moving = {joint.name for joint in chain.joints if joint.moving}
+            self.chains[name] = ArmModel(chain, pinocchio_model(self._tree, moving), tips)
+        for key in [*vars(self)]:
+            if isinstance(getattr(type(self), key, None), cached_property):
+                del self.__dict__[key]
+
+    @cached_property
+    def laid_out(self) -> dict[str, ArmModel]:
+        """The chains by name, with the columns of `readings`."""
+        if len(self.chains) == 1:
+            return dict(self.chains)
+        bodies, every = _bodies(self.chains), union([a.offered for a in self.chains.values()])
+        laid = {}
+        for name, arm in self.chains.items():
+            beside = ParameterSet(p for n, p in every.items() if n not in arm.offered)
+            same = [j.name for j in arm.readings] == [j.name for j in self.readings]
+            already = same and arm.bodies.tip and set(beside) <= set(arm.beside)
+            laid[name] = arm if already else arm.laid_out(self.readings, bodies[name], beside)
+        return laid
+
+    def chosen(self, chain: str = "") -> ArmModel:
+        """The chain of this name, with the columns of `readings`."""
+        if chain in self.chains or len(self.chains) == 1:
+            return self.laid_out[chain or next(iter(self.chains))]
+        found = f"the chain '{chain}'" if chain else "several chains"
+        hint = did_you_mean(chain, self.chains)
+        raise ParameterError(found, f"the name of one of {', '.join(self.chains)}", hint=hint)
+
+    @property
+    def arms(self) -> tuple[ArmModel, ...]:
+        """The chains, all with the columns of `readings`."""
+        return tuple(self.laid_out.values())
+
+    @cached_property
+    def readings(self) -> tuple[ChainJoint, ...]:  # type: ignore[override]
+        """The joints that have a reading, those of the first chain first."""
+        joints = (joint for arm in self.chains.values() for joint in arm.readings)
+        return tuple({joint.name: joint for joint in joints}.values())
+
+    @cached_property
+    def segments(self) -> tuple[Segment, ...]:  # type: ignore[override]
+        """The joints of all chains, each once."""
+        every = (segment for arm in self.arms for segment in arm.segments)
+        by_owner = dict[str, Segment]()
+        for segment in every:
+            by_owner.setdefault(segment.owner, segment)
+        return tuple(by_owner.values())
+
+    @cached_property
+    def parameters(self) -> ParameterSet:  # type: ignore[override]
+        """Every placement and offset that could be unknown, each once."""
+        return union([arm.parameters for arm in self.chains.values()])
+
+    @cached_property
+    def nongeometric(self) -> ParameterSet:  # type: ignore[override]
+        """Errors beside the geometry, each once."""
+        return union([arm.nongeometric for arm in self.chains.values()])
+
+    @cached_property
+    def geometric(self) -> frozenset[str]:
+        """Of all chains."""
+        return frozenset().union(*(arm.geometric for arm in self.chains.values()))
+
+    @property
+    def grade(self) -> str:  # type: ignore[override]
+        """How it was made, where somebody says it."""
+        return next(iter(self.chains.values())).grade if self.chains else ""
+
+    @property
+    def urdf(self) -> tuple[Path, bytes]:
+        """The URDF it was read from."""
+        if self._tree is not None:
+            return self._tree.path, self._tree.data
+        return self.arms[0].urdf
+
+    @property
+    def robot(self) -> str:
+        """Name of the robot in its URDF."""
+        return self.arms[0].chain.robot if self._tree is None else self._tree.robot
+
+    def at(self, values: Mapping[str, float]) -> Robot:
+        """The same robot with these values as its nominal ones (`ArmModel.at`)."""
+        return Robot({name: arm.at(values) for name, arm in self.chains.items()}, self._tree)
+
+    def of_grade(self, grade: str) -> Robot:
+        """The same robot, made like this: one of `measurements.scale.GRADES`."""
+        return Robot({n: arm.of_grade(grade) for n, arm in self.chains.items()}, self._tree)
+
+    def check_masses(self, names: Iterable[str]) -> None:
+        """As of `ArmModel`, by every chain that has the joint."""
+        asked = list(names)
+        for arm in self.chains.values():
+            arm.check_masses(name for name in asked if name in arm.nongeometric)
+
+    def origins(self, values: Mapping[str, float]) -> Origins:
+        """Of the joints of all chains."""
+        return {k: v for arm in self.arms for k, v in arm.origins(values).items()}
+
+    @property
+    def in_a_line(self) -> str:
+        """Its chains."""
+        chains = "; ".join(f"{name}: {arm.in_a_line}" for name, arm in self.chains.items())
+        return chains or "no chain yet"
+
+
+def _bodies(chains: Mapping[str, ArmModel]) -> dict[str, Bodies]:
+    """What labels call the ends of each chain: a tip is called as the first chain that ends there.
+
+    What stands in the base of the first chain needs no name.
+    """
+    called = {next(iter(chains.values())).chain.base: ""}
+    for name, arm in chains.items():
+        called.setdefault(arm.chain.tip_link, name)
+    return {
+        name: Bodies(
+            called.get(arm.chain.base, arm.chain.base),
+            called[arm.chain.tip_link] or arm.chain.tip_link,
+        )
+        for name, arm in chains.items()
+    }
+
+
+@lru_cache(maxsize=64)
+def joined(arms: tuple[ArmModel, ...]) -> ArmModel | Robot:
+    """One mechanism of the different chains that terms are over.
+
+    Raises:
+        ParameterError: chains of different URDFs, or that give one parameter different values.
+    """
+    different = tuple(dict.fromkeys(arms))
+    if len(different) == 1:
+        return different[0]
+    _check_one_robot(different)
+    names = dict[str, ArmModel]()
+    for arm in different:
+        name = arm.bodies.tip or arm.chain.tip
+        names[name if name not in names else f"{arm.chain.base} to {name}"] = arm
+    return Robot(names)
+
+
+def _check_one_robot(arms: Sequence[ArmModel]) -> None:
+    first = arms[0]
+    for arm in arms[1:]:
+        ends = (arm.chain.base, arm.chain.tip)
+        if arm.urdf != first.urdf or ends in [
+            (a.chain.base, a.chain.tip) for a in arms if a is not arm
+        ]:
+            hint = "read the robot once: Robot.from_urdf(path), and robot.chain(tip=…) for each tip"
+            raise ParameterError(
+                "terms over different arms", "one arm, or chains of one robot", hint=hint
+            )
+        for name, p in arm.offered.items():
+            if name in first.offered and first.offered[name].nominal != p.nominal:
+                expected = "chains of one robot at the same values"
+                raise ParameterError(f"two values of {name}", expected)

@@ -1,0 +1,59 @@
+"""Terms over several chains of one robot, with columns of readings and labels that all share."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from suta_calib.model.arm import ArmModel
+from suta_calib.model.parameters import End
+from suta_calib.model.robot import joined
+from suta_calib.terms.poses import ArmPoses
+from suta_calib.terms.term import Term
+
+
+def over_one_mechanism(terms: Sequence[Term]) -> tuple[Term, ...]:
+    """The terms over the chains of one robot; as they are, where they are over one arm.
+
+    Raises:
+        ParameterError: they are over arms that are no chains of one robot.
+    """
+    arms = tuple(term.poses.arm for term in terms if isinstance(term.poses, ArmPoses))
+    if len(set(arms)) < 2:
+        return tuple(terms)
+    laid = {(a.chain.base, a.chain.tip): a for a in joined(arms).arms}
+    return tuple(
+        over_chain(term, laid[term.poses.arm.chain.base, term.poses.arm.chain.tip])
+        if isinstance(term.poses, ArmPoses)
+        else term
+        for term in terms
+    )
+
+
+def over_chain(term: Term, arm: ArmModel) -> Term:
+    """A term over one arm as a term over the same chain of a robot (`Robot.laid_out`).
+
+    What sits on its tip, or stands in its base, gets a label with the name of that body: two hands
+    may each have a target A.
+    """
+    poses = term.poses
+    assert isinstance(poses, ArmPoses)
+    if poses.arm is arm:
+        return term
+    ends: tuple[tuple[str, End], ...] = ((term.place, "base"), (term.mark, "tip"))
+    samples, labels, given = poses.samples, dict[str, Any](), dict(term.given)
+    for column, end in ends:
+        if column not in samples.labels:
+            continue
+        names, which = np.unique(samples.labels[column], return_inverse=True)
+        new_names = [arm.bodies.label(str(name), end) for name in names]
+        labels[column] = np.array(new_names, dtype=np.str_)[which]
+        labels[column].setflags(write=False)
+        new_name = dict(zip(map(str, names), new_names, strict=True))
+        given = {new_name.get(name, name): pose for name, pose in given.items()}
+    if any(arm.bodies.label("label", end) != "label" for _, end in ends):
+        samples = replace(samples, labels={**samples.labels, **labels})
+    return replace(term, poses=ArmPoses(arm, samples.over_joints(arm.joints)), given=given)
