@@ -31,8 +31,8 @@ from suta_calib.assessment import Assessment, judged
 from suta_calib.display import Displayable
 from suta_calib.errors import ParameterError
 from suta_calib.job.calibration import CalibrationJob
-from suta_calib.model.mechanism import Mechanism
 from suta_calib.model.parameters import ParameterSet
+from suta_calib.model.robot import AnyArm
 from suta_calib.solver.problem import Problem
 from suta_calib.solver.solution import Solution
 from suta_calib.solver.solve import Progress
@@ -69,7 +69,7 @@ class EncoderNoise:
     angle: float = 0.0
     length: float = 0.0
 
-    def std(self, arm: Mechanism) -> FloatArray:
+    def std(self, arm: AnyArm) -> FloatArray:
         """(joints,) standard deviation of each reading: steps are uniform, a twelfth of a step²."""
         step = 0.0 if self.bits is None else 2 * np.pi / 2**self.bits
         turning = float(np.hypot(step / np.sqrt(12.0), self.angle))

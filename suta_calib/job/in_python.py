@@ -9,7 +9,6 @@ from typing import Any, Final
 from suta_calib.errors import InputError, ParameterError, did_you_mean
 from suta_calib.job.schema import ObservationSpec, seen_from
 from suta_calib.model.arm import ArmModel
-from suta_calib.model.mechanism import Mechanism
 from suta_calib.model.parameters import (
     GEOMETRIC,
     OFFSET,
@@ -17,7 +16,7 @@ from suta_calib.model.parameters import (
     Selection,
     with_usual_priors,
 )
-from suta_calib.model.robot import Robot
+from suta_calib.model.robot import AnyArm, Robot
 from suta_calib.terms import ArmPoses, Term
 from suta_calib.terms.several_chains import over_chain
 
@@ -58,7 +57,7 @@ def terms_over(arm: ArmModel | Robot, name: str, terms: Term | Sequence[Term]) -
     )
 
 
-def unknowns_of(arm: Mechanism, free: Free) -> tuple[tuple[Selection, ...], ParameterSet]:
+def unknowns_of(arm: AnyArm, free: Free) -> tuple[tuple[Selection, ...], ParameterSet]:
     """Rows of a job and the parameters that they select, with usual priors."""
     if isinstance(free, ParameterSet):
         for name in free:

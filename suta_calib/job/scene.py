@@ -7,8 +7,8 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from suta_calib.arrays import FloatArray
-from suta_calib.model.mechanism import Mechanism
 from suta_calib.model.parameters import PLACEMENT, POSITION
+from suta_calib.model.robot import AnyArm
 from suta_calib.plotting.look import MOST_LABELLED
 from suta_calib.plotting.scene import (
     Arrows,
@@ -25,7 +25,7 @@ from suta_calib.trust.tip import tip_displacements
 
 
 def calibration_scene(
-    arm: Mechanism, terms: Sequence[Term], before: Mapping[str, float], after: Mapping[str, float]
+    arm: AnyArm, terms: Sequence[Term], before: Mapping[str, float], after: Mapping[str, float]
 ) -> Scene:
     """The arm at its first sample, the places of all samples, and errors before and after.
 

@@ -201,6 +201,11 @@ class ArmModel(Mechanism):
         """Itself."""
         return (self,)
 
+    @property
+    def chained(self) -> tuple[Chain, ...]:
+        """Its own."""
+        return (self.chain,)
+
     def chosen(self, chain: str = "") -> ArmModel:
         """Itself."""
         if chain:

@@ -6,7 +6,6 @@ from abc import abstractmethod
 from collections.abc import Iterable, Mapping, Sequence
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -14,7 +13,7 @@ from suta_calib.arrays import FloatArray
 from suta_calib.atomic import write_bytes_atomically
 from suta_calib.display import Displayable
 from suta_calib.geometry.numbers import rotation_from_rpy
-from suta_calib.model.chain import ChainJoint
+from suta_calib.model.chain import Chain, ChainJoint
 from suta_calib.model.kinematics import Segment
 from suta_calib.model.parameters import (
     OFFSET,
@@ -26,9 +25,6 @@ from suta_calib.model.parameters import (
 )
 from suta_calib.model.urdf import urdf_bytes
 from suta_calib.units import Unit
-
-if TYPE_CHECKING:
-    from suta_calib.model.arm import ArmModel
 
 Origins = dict[str, tuple[FloatArray, FloatArray]]
 
@@ -52,8 +48,8 @@ class Mechanism(Displayable):
 
     @property
     @abstractmethod
-    def arms(self) -> tuple[ArmModel, ...]:
-        """The chains, one or several, all with the columns of `readings`."""
+    def chained(self) -> tuple[Chain, ...]:
+        """The chains as the URDF's text gives them, one or several."""
 
     @property
     @abstractmethod
@@ -68,14 +64,6 @@ class Mechanism(Displayable):
     @abstractmethod
     def at(self, values: Mapping[str, float]) -> Mechanism:
         """The same with these values as its nominal ones."""
-
-    @abstractmethod
-    def chosen(self, chain: str = "") -> ArmModel:
-        """The chain of this name; without a name the only one there is.
-
-        Raises:
-            ParameterError: no such chain, or no name although there are several.
-        """
 
     @abstractmethod
     def check_masses(self, names: Iterable[str]) -> None:
@@ -97,12 +85,12 @@ class Mechanism(Displayable):
     @property
     def tips(self) -> tuple[str, ...]:
         """Names that the parameters of the tips carry."""
-        return tuple(arm.chain.tip for arm in self.arms)
+        return tuple(chain.tip for chain in self.chained)
 
     @property
     def robot(self) -> str:
         """Name of the robot in its URDF."""
-        return self.arms[0].chain.robot
+        return self.chained[0].robot
 
     @cached_property
     def units(self) -> dict[str, Unit]:
@@ -160,7 +148,7 @@ class Mechanism(Displayable):
     @property
     def _moving_joints(self) -> tuple[ChainJoint, ...]:
         """All joints that move, those without a reading of their own included, each once."""
-        moving = (joint for arm in self.arms for joint in arm.chain.joints if joint.moving)
+        moving = (joint for chain in self.chained for joint in chain.joints if joint.moving)
         return tuple({joint.name: joint for joint in moving}.values())
 
     @cached_property

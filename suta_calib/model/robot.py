@@ -131,6 +131,11 @@ class Robot(Mechanism):
         raise ParameterError(found, f"the name of one of {', '.join(self.chains)}", hint=hint)
 
     @property
+    def chained(self) -> tuple[Chain, ...]:
+        """Of all chains."""
+        return tuple(arm.chain for arm in self.chains.values())
+
+    @property
     def arms(self) -> tuple[ArmModel, ...]:
         """The chains, all with the columns of `readings`."""
         return tuple(self.laid_out.values())
@@ -180,7 +185,7 @@ class Robot(Mechanism):
     @property
     def robot(self) -> str:
         """Name of the robot in its URDF."""
-        return self.arms[0].chain.robot if self._tree is None else self._tree.robot
+        return self.chained[0].robot if self._tree is None else self._tree.robot
 
     def at(self, values: Mapping[str, float]) -> Robot:
         """The same robot with these values as its nominal ones (`ArmModel.at`)."""
@@ -205,6 +210,10 @@ class Robot(Mechanism):
         """Its chains."""
         chains = "; ".join(f"{name}: {arm.in_a_line}" for name, arm in self.chains.items())
         return chains or "no chain yet"
+
+
+# One chain, or several that share joints.
+AnyArm = ArmModel | Robot
 
 
 def _bodies(chains: Mapping[str, ArmModel]) -> dict[str, Bodies]:

@@ -10,7 +10,7 @@ import numpy as np
 
 from suta_calib.arrays import FloatArray, IntArray
 from suta_calib.errors import SamplesError
-from suta_calib.model.mechanism import Mechanism
+from suta_calib.model.robot import AnyArm
 from suta_calib.solver.problem import Problem
 from suta_calib.solver.solution import Solution
 from suta_calib.terms.term import Term
@@ -62,7 +62,7 @@ class CalibrationExamination(Examination):
 
     # ── the problem in which effects are tested ─────────────────────────────────────────────
     @property
-    def arm(self) -> Mechanism | None:
+    def arm(self) -> AnyArm | None:
         """The arm, where there is one."""
         return self.solution.problem.arm
 

@@ -20,7 +20,7 @@ from suta_calib.trust.linear_fit import LinearFit
 from suta_calib.trust.rule import Rule
 
 if TYPE_CHECKING:
-    from suta_calib.model.mechanism import Mechanism
+    from suta_calib.model.robot import AnyArm
 
 # Step of numerical derivatives by something that a term was built with, relative to its unit size.
 STEP: Final = 1e-6
@@ -177,7 +177,7 @@ class Examination(Displayable):
 
     # ── columns of effects ──────────────────────────────────────────────────────────────────
     @property
-    def arm(self) -> Mechanism | None:
+    def arm(self) -> AnyArm | None:
         """The arm, or the robot with its chains, where there is one."""
         return self.solution.problem.arm
 

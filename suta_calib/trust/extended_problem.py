@@ -13,8 +13,8 @@ import numpy as np
 
 from suta_calib.arrays import FloatArray
 from suta_calib.errors import UrdfError
-from suta_calib.model.mechanism import Mechanism
 from suta_calib.model.parameters import COMPLIANCE, COUPLING, FAMILIES, OFFSET, Family, ParameterSet
+from suta_calib.model.robot import AnyArm
 from suta_calib.solver.information import robust_curvature, whitened_rows
 from suta_calib.solver.problem import Problem
 from suta_calib.solver.solution import Solution
@@ -30,7 +30,7 @@ LOOKS_LIKE: Final[dict[Family, str]] = {
 }
 
 
-def neighbours(arm: Mechanism) -> dict[str, tuple[str, str]]:
+def neighbours(arm: AnyArm) -> dict[str, tuple[str, str]]:
     """Couplings to look for, by name: which joint is moved, and by whose motor.
 
     Those of neighbours in the chain, in either direction, and those that a ``<transmission>`` of
@@ -47,7 +47,7 @@ def neighbours(arm: Mechanism) -> dict[str, tuple[str, str]]:
     return pairs
 
 
-def offered_names(arm: Mechanism) -> dict[tuple[str, Family], tuple[str, ...]]:
+def offered_names(arm: AnyArm) -> dict[tuple[str, Family], tuple[str, ...]]:
     """Names by joint and family that this arm can be given; no compliance without masses.
 
     Of couplings those of `neighbours`.

@@ -27,8 +27,8 @@ from suta_calib.arguments import checked
 from suta_calib.assessment import Assessment, judged
 from suta_calib.display import Displayable
 from suta_calib.errors import ParameterError, SamplesError
-from suta_calib.model.mechanism import Mechanism
 from suta_calib.model.parameters import COUPLING, PLAUSIBLE, Family, ParameterSet, Selection
+from suta_calib.model.robot import AnyArm
 from suta_calib.solver.options import SolverOptions
 from suta_calib.solver.problem import Problem
 from suta_calib.solver.solution import Solution
@@ -284,7 +284,7 @@ class _Search:
     _noise: tuple[float, ...] = ()
 
     @property
-    def arm(self) -> Mechanism:
+    def arm(self) -> AnyArm:
         arm = Problem(self.terms, self.parameters).arm
         if arm is None or all(p.unit != "rad" for p in arm.nongeometric.values()):
             raise ParameterError("no arm with a revolute joint", "one", where="observations")
@@ -444,7 +444,7 @@ def _added(parameters: ParameterSet) -> tuple[str, ...]:
     return tuple(name for name, p in parameters.items() if not p.geometric)
 
 
-def _rows(arm: Mechanism | None, names: Sequence[str]) -> tuple[Selection, ...]:
+def _rows(arm: AnyArm | None, names: Sequence[str]) -> tuple[Selection, ...]:
     """Rows that select these, within what is plausible: one for each unit."""
     assert arm is not None
     rows = []

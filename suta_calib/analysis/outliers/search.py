@@ -49,8 +49,8 @@ from suta_calib.analysis.outliers.touches import (
 from suta_calib.arguments import checked
 from suta_calib.arrays import BoolArray
 from suta_calib.errors import SamplesError
-from suta_calib.model.mechanism import Mechanism
 from suta_calib.model.parameters import ParameterSet
+from suta_calib.model.robot import AnyArm
 from suta_calib.solver.options import SolverOptions
 from suta_calib.solver.problem import Problem
 from suta_calib.solver.solution import Solution
@@ -125,7 +125,7 @@ def find_outliers(
     return Outliers(solution, terms, thresholds, tuple(p.name for p in arm.values() if p.free))
 
 
-def whole_arm(arm: Mechanism | None, job: ParameterSet) -> ParameterSet:
+def whole_arm(arm: AnyArm | None, job: ParameterSet) -> ParameterSet:
     """The job's unknowns as they are, and the rest of the arm's geometry with priors.
 
     A job usually estimates fewer parameters than the arm has. What the others get wrong shows as
