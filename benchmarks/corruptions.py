@@ -39,7 +39,10 @@ from suta_calib import CalibrationJob, Samples, Solution, SutaCalibError
 from suta_calib.arrays import FloatArray
 from suta_calib.geometry import register_points, rms_length
 from suta_calib.measurements import read_artefact, write_artefact
+from suta_calib.registry import shipped
 from suta_calib.simulation import Simulation, write_simulation
+from suta_calib.terms import KINDS as KINDS_BY_NAME
+from suta_calib.trust import Hypothesis, known_hypotheses
 from suta_calib.units import mm
 
 # Times what is stated, from which on a tip is wrong; and what no job states less than, m.
@@ -151,6 +154,67 @@ def outcome(sound: Sound, corruption: Corruption | None) -> Outcome:
     if judged.usable:
         errors = tip_errors(sound.made, result.solution, judged.notes)
     return Outcome(*names, judged.level, said, *errors, process_time() - began)
+
+
+@dataclass(frozen=True)
+class RegistryFault:
+    """The fault that a hypothesis of the registry puts into data (`Hypothesis.spoil`)."""
+
+    hypothesis: Hypothesis
+    right: bool = False
+
+    @property
+    def name(self) -> str:
+        """As the hypothesis describes itself."""
+        return self.hypothesis.about
+
+    def happens_to(self, sound: Sound) -> bool:
+        """Whether a job has one row of observations, of a kind that can have it."""
+        rows = re.findall(r"kind: (\w+), samples|kind: (\w+), artefact", sound.text)
+        kinds = {first or second for first, second in rows}
+        of = KINDS_BY_NAME.get(next(iter(kinds))) if len(kinds) == 1 else None
+        return of is not None and issubclass(of, self.hypothesis.applies_to)
+
+    def outcome(self, sound: Sound) -> tuple[Outcome, str] | None:
+        """Spoil what is fitted and calibrate; and what a note calls the fault.
+
+        None where it cannot happen to these data, as exchanged landmarks to a tracker's.
+        """
+        names, began, effect = (sound.name, self.name), process_time(), ""
+        with TemporaryDirectory() as folder:
+            job = CalibrationJob.load(corrupted(sound, None, Path(folder)))
+            first, *others = job.observations
+            problem = job.problem()
+            values = problem.values(problem.start(sound.made.values))
+            try:
+                spoilt = self.hypothesis.spoil(first, values, np.random.default_rng(0))
+            except (LookupError, AttributeError, SutaCalibError):
+                return None
+            try:
+                effect = spoilt.effect
+                result = replace(job, observations=(spoilt.data, *others)).run()
+            except SutaCalibError as error:
+                said = (str(error),)
+                return Outcome(*names, "refused", said, seconds=process_time() - began), effect
+        judged = result.assessment
+        said = (judged.sentence, *judged.notes)
+        errors = (np.nan, np.nan)
+        if judged.usable:
+            errors = tip_errors(sound.made, result.solution, judged.notes)
+        return Outcome(*names, judged.level, said, *errors, process_time() - began), effect
+
+
+def registry_faults(jobs: Sequence[Sound]) -> Iterator[Judged]:
+    """Every job, and what became of it with the fault of every hypothesis that applies to it."""
+    faults = [RegistryFault(h) for h in shipped(known_hypotheses()).values() if h.needs_arm]
+    for job in jobs:
+        clean = outcome(job, None)
+        for fault in faults:
+            found_effect = fault.outcome(job) if fault.happens_to(job) else None
+            if found_effect is not None:
+                found, effect = found_effect
+                called = (effect.strip() or fault.name, *fault.hypothesis.name.split(" ")[:1])
+                yield judge(found, clean, Corruption(fault.name, called))
 
 
 def tip_errors(
@@ -322,10 +386,16 @@ def main() -> None:
         type=Path,
         help="Write every outcome here, a line each; those that stand there are not found again.",
     )
+    parser.add_argument(
+        "--registry", action="store_true", help="The faults of trust/hypotheses in place of these."
+    )
     asked = parser.parse_args()
     kinds = asked.kind or (["tracked_point", "landmark"] if asked.quick else [*KINDS, "shipped"])
     simulated = [kind for kind in kinds if kind != "shipped"]
     jobs = [*sound_jobs(simulated, shipped="shipped" in kinds, starts=asked.starts)]
+    if asked.registry:
+        show(list(registry_faults(jobs)), Console(width=180))
+        return
     chosen = [
         c for c in CORRUPTIONS if not asked.corruption or any(w in c.name for w in asked.corruption)
     ]
