@@ -12,9 +12,10 @@ from typing import Final, Literal, TypeVar
 
 from suta_calib.arrays import FloatArray
 
-# rad/Nm is the unit of a joint's compliance, a turn per torque; 1/K that of a thermal expansion;
-# rad/s that of a drift; % that of a share, a number from 0 to 1 that a reader sees in per cent.
-Unit = Literal["m", "rad", "rad/Nm", "1/K", "m/s", "rad/s", "s", "px", "1", "%"]
+# rad/Nm is the unit of a joint's compliance, a turn per torque; kg that of what a joint carries;
+# 1/K that of a thermal expansion; rad/s that of a drift; % that of a share, a number from 0 to 1
+# that a reader sees in per cent.
+Unit = Literal["m", "rad", "rad/Nm", "kg", "1/K", "m/s", "rad/s", "s", "px", "1", "%"]
 Quantity = TypeVar("Quantity", float, FloatArray)
 NOTHING: Final = "–"
 # m; beyond it is no place, and the sums of squares of places must stay numbers.
@@ -44,6 +45,7 @@ SHOWN: Final[dict[Unit, DisplayUnit]] = {
     "m": DisplayUnit("mm", "_mm", 1e3, 3),
     "rad": DisplayUnit("deg", "_deg", 180.0 / math.pi, 4),
     "rad/Nm": DisplayUnit("deg/Nm", "_deg_per_nm", 180.0 / math.pi, 5),
+    "kg": DisplayUnit("kg", "_kg", 1.0, 3),
     "1/K": DisplayUnit("ppm/K", "_ppm_per_k", 1e6, 2),
     "m/s": DisplayUnit("mm/h", "_mm_per_h", 3.6e6, 3),
     "rad/s": DisplayUnit("deg/h", "_deg_per_h", 3600.0 * 180.0 / math.pi, 4),

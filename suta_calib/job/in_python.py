@@ -75,7 +75,9 @@ def unknowns_of(arm: AnyArm, free: Free) -> tuple[tuple[Selection, ...], Paramet
             raise ParameterError(repr(row), expected, where="calibrate: free")
         rows.append(row if isinstance(row, Selection) else Selection(row))
     if given != [GEOMETRIC]:
-        return tuple(rows), with_usual_priors(arm.select(*rows).values())
+        chosen = arm.select(*rows)
+        arm.check_masses_used(chosen)
+        return tuple(rows), with_usual_priors(chosen.values())
     rows.append(Selection(f"*.{OFFSET}"))
     chosen = arm.select(*rows)
     return tuple(rows), with_usual_priors(p for n, p in chosen.items() if n not in arm.like_offsets)

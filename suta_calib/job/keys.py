@@ -32,6 +32,7 @@ _SIZES: Final[dict[Unit, tuple[str, str]]] = {
     "m": ("a length", "m"),
     "rad": ("an angle", "rad"),
     "rad/Nm": ("a joint's compliance", "rad_per_nm"),
+    "kg": ("the mass that a joint carries", "kg"),
     "1/K": ("a length's expansion", "per_k"),
     "1": ("a ratio, such as a gain or coupling,", "ratio"),
 }

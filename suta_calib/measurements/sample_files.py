@@ -40,6 +40,9 @@ from suta_calib.measurements.samples import TEMPERATURES, Samples
 from suta_calib.units import FARTHEST
 
 TEMPERATURE = "temperature"
+# What the tip carries: a mass, and where its centre is in the frame of the tip.
+PAYLOAD = "payload_kg"
+PAYLOAD_PLACE = tuple(NumberColumn(f"payload_{axis}", "m") for axis in "xyz")
 
 
 @dataclass(frozen=True)
@@ -102,9 +105,10 @@ def read_samples(
         paths: the file, or the files in the order their rows shall have.
         joints: the joints of the chain, base to tip; the order of the columns of ``q``.
         columns: what else is needed; every other column is ignored, but ``JOINT.direction``, where
-            all files have it: from which side that joint came; and ``temperature``, °C, which all
-            files have or none. A joint's readings may be in degrees or mm where its column says so:
-            ``JOINT_deg``, ``JOINT_mm``.
+            all files have it: from which side that joint came; ``temperature``, °C; ``payload_kg``
+            and ``payload_x, payload_y, payload_z``, m (or in mm with ``_mm``): what the tip
+            carries, and where in its frame. All files have such a column or none. A joint's
+            readings may be in degrees or mm where its column says so: ``JOINT_deg``, ``JOINT_mm``.
 
     Warns:
         SutaCalibWarning: quaternions that are more than 1 % away from unit length; readings of a
@@ -127,10 +131,12 @@ def read_samples(
     with_direction = {
         j.name for j in joints if all(_direction(j.name) in t.columns for t in tables)
     }
-    warm = TEMPERATURE not in {j.name for j in joints} and _everywhere(tables, TEMPERATURE)
+    names = {j.name for j in joints}
+    warm = TEMPERATURE not in names and _everywhere(tables, TEMPERATURE)
+    loaded = _payload_columns(tables, names)
     weighed = columns.position_sigma and _everywhere(tables, *position_sigma_columns())
     columns = replace(columns, position_sigma=weighed)
-    parts = [_samples(table, joints, columns, with_direction, warm) for table in tables]
+    parts = [_samples(table, joints, columns, with_direction, warm, loaded) for table in tables]
     for path, part in zip(paths, parts, strict=True):
         if (part.rotation is None) != (parts[0].rotation is None):
             with_, without = (path, paths[0]) if parts[0].rotation is None else (paths[0], path)
@@ -183,6 +189,7 @@ def _samples(
     columns: SampleColumns,
     with_direction: Collection[str],
     warm: bool,
+    loaded: tuple[NumberColumn, ...],
 ) -> Samples:
     oriented = columns.orientation == "required" or (
         columns.orientation == "optional" and has_rotations(table)
@@ -199,7 +206,40 @@ def _samples(
         direction=_directions(table, joints, with_direction) if with_direction else None,
         temperature=_temperatures(table) if warm else None,
         position_sigma=position_sigmas(table) if columns.position_sigma else None,
+        payload=_payloads(table, loaded) if loaded else None,
     )
+
+
+def _payload_columns(tables: Sequence[CsvTable], joints: set[str]) -> tuple[NumberColumn, ...]:
+    """The columns of what the tip carries: none, the mass, or the mass and its place."""
+    mass = NumberColumn(PAYLOAD)
+    if joints & {PAYLOAD, *(name for column in PAYLOAD_PLACE for name in column.names)}:
+        return ()
+    loaded = _everywhere(tables, PAYLOAD)
+    placed = [_everywhere(tables, *column.names) for column in PAYLOAD_PLACE]
+    if (any(placed) and not loaded) or len({*placed}) > 1:
+        needed = (PAYLOAD, *(column.names[-1] for column in PAYLOAD_PLACE))
+        there = [n for n in tables[0].columns if n.startswith("payload_")]
+        raise SamplesError(
+            f"only the columns {', '.join(there)} of what the tip carries",
+            f"{PAYLOAD} alone, or {', '.join(needed)}",
+            file=tables[0].path,
+            line=tables[0].header_line,
+        )
+    return (mass, *PAYLOAD_PLACE) if all(placed) else (mass,) if loaded else ()
+
+
+def _payloads(table: CsvTable, columns: Sequence[NumberColumn]) -> FloatArray:
+    """(n, 4) kg, and the place in the frame of the tip, m: its origin where no column says."""
+    payload = np.zeros((len(table), 4))
+    for k, column in enumerate(columns):
+        payload[:, k] = numbers(table, column)
+    for row in np.flatnonzero(payload[:, 0] < 0):
+        raise table.refuse(int(row), PAYLOAD, f"{payload[row, 0]:g}", "a mass in kg, 0 or more")
+    for row, k in np.argwhere(np.abs(payload[:, 1:]) > FARTHEST):
+        found = f"{payload[row, k + 1]:g} m"
+        raise table.refuse(int(row), columns[k + 1].name, found, f"a place within {FARTHEST:g} m")
+    return payload
 
 
 def _temperatures(table: CsvTable) -> FloatArray:
@@ -399,6 +439,9 @@ def write_samples(path: Path, samples: Samples) -> None:
         columns += zip(map(_direction, samples.joints), sides.T, strict=True)
     if samples.temperature is not None:
         columns.append((TEMPERATURE, samples.temperature))
+    if samples.payload is not None:
+        loaded = (PAYLOAD, *(column.name for column in PAYLOAD_PLACE))
+        columns += zip(loaded, samples.payload.T, strict=True)
     names = [name for name, _ in columns]
     if len(set(names)) < len(names):
         raise SamplesError(f"columns {', '.join(names)}", "each name only once", file=path)

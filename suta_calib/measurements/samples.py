@@ -23,7 +23,8 @@ Array = TypeVar("Array", bound=NDArray[Any])
 TEMPERATURES: Final = (-60.0, 150.0)
 # Attributes that have a row for each sample, where they are there at all.
 _BY_ROW: Final = (
-    *("q", "position", "rotation", "pixels", "direction", "temperature", "position_sigma"),
+    *("q", "position", "rotation", "pixels", "direction", "temperature", "payload"),
+    "position_sigma",
 )
 
 
@@ -46,6 +47,8 @@ class Samples(Displayable):
         direction: (n, n_joints) of each joint's last motion before it was read, 1 towards larger
             readings, -1 towards smaller ones, 0 where nobody says; None where nobody ever says.
         temperature: (n,) of the arm, °C; None where nobody says.
+        payload: (n, 4) mass that the tip carries, kg, and its centre in the frame of the tip, m;
+            None where nobody says.
         position_sigma: (n, 3) standard deviation of each coordinate of ``position``, m; None where
             nobody says.
     """
@@ -61,6 +64,7 @@ class Samples(Displayable):
     direction: FloatArray | None = None
     temperature: FloatArray | None = None
     position_sigma: FloatArray | None = None
+    payload: FloatArray | None = None
 
     def __post_init__(self) -> None:
         if not self.origin:
@@ -70,13 +74,18 @@ class Samples(Displayable):
         return len(self.q)
 
     @property
-    def conditions(self) -> dict[Literal["direction", "warmth"], FloatArray]:
-        """What is said of the arm beside its readings: `direction`, and K above 20 °C, (n, 1)."""
-        found: dict[Literal["direction", "warmth"], FloatArray] = {}
+    def conditions(self) -> dict[Literal["direction", "warmth", "payload"], FloatArray]:
+        """What is said of the arm beside its readings.
+
+        `direction`, K above 20 °C, (n, 1), and `payload`.
+        """
+        found: dict[Literal["direction", "warmth", "payload"], FloatArray] = {}
         if self.direction is not None:
             found["direction"] = self.direction
         if self.temperature is not None:
             found["warmth"] = self.temperature[:, None] - REFERENCE_TEMPERATURE
+        if self.payload is not None:
+            found["payload"] = self.payload
         return found
 
     @classmethod
@@ -94,6 +103,7 @@ class Samples(Displayable):
         temperature: ArrayLike | None = None,
         position_sigma: ArrayLike | None = None,
         pixels: ArrayLike | None = None,
+        payload: ArrayLike | None = None,
     ) -> Samples:
         """Samples from copies of arrays, checked; shapes and units as the class's attributes.
 
@@ -102,8 +112,8 @@ class Samples(Displayable):
 
         Raises:
             SamplesError: a shape does not fit, or a value is not finite, empty, not a rotation, no
-                direction, no temperature of an arm or, of a length or a standard deviation, not
-                positive.
+                direction, no temperature of an arm, a mass below zero or, of a length or a standard
+                deviation, not positive.
         """
         if len(set(joints)) != len(joints):
             raise SamplesError(f"joints {', '.join(joints)}", "each name only once", where="joints")
@@ -127,6 +137,7 @@ class Samples(Displayable):
             position_sigma=None
             if position_sigma is None
             else positive("position_sigma", position_sigma, (n, 3)),
+            payload=None if payload is None else _payloads(payload, n),
         )
 
     def scene(self, arm: Posable) -> Scene:
@@ -352,6 +363,15 @@ def _temperatures(values: ArrayLike, n: int) -> FloatArray:
     temperature, (low, high) = finite("temperature", values, (n,)), TEMPERATURES
     beyond = (temperature < low) | (temperature > high)
     return _checked("temperature", temperature, beyond, f"°C, from {low:g} to {high:g}")
+
+
+def _payloads(values: ArrayLike, n: int) -> FloatArray:
+    """(n, 4) kg and m."""
+    payload = finite("payload", values, (n, 4))
+    mass, centre = np.zeros((n, 4), dtype=bool), np.abs(payload) > FARTHEST
+    mass[:, 0] = payload[:, 0] < 0
+    payload = _checked("payload", payload, mass, "a mass in kg, 0 or more")
+    return _checked("payload", payload, centre, f"kg or m, within {FARTHEST:g}")
 
 
 def _pixels(values: ArrayLike, n: int) -> FloatArray:

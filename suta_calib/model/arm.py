@@ -27,9 +27,11 @@ from suta_calib.model.kinematic_urdf import pinocchio_model
 from suta_calib.model.kinematics import Condition, forward_kinematics
 from suta_calib.model.mechanism import Mechanism
 from suta_calib.model.parameters import (
+    BENDING,
     COMPLIANCE,
     EXPANSION,
     LINKS,
+    MASS,
     OFFSET,
     POSITION,
     End,
@@ -85,8 +87,9 @@ class ArmModel(Mechanism):
         grade: how it was made, of `measurements.scale.GRADES`, where somebody says it: how far held
             dimensions may be from the drawing.
         nongeometric: gain of its joints, and coupling of each to every other of its kind;
-            eccentricity, compliance and backlash of its revolute ones; expansion of its links,
-            together and each by itself (`kinematics`): zero unless the arm is held at other values.
+            eccentricity, compliance and backlash of its revolute ones; bending of its joints;
+            expansion of its links, together and each by itself (`kinematics`): zero unless the arm
+            is held at other values. And the masses that its joints carry, as the URDF has them.
         readings: the joints whose readings the samples hold, in the order of their columns: those
             of the chain; of a chain of a `Robot` those of all its chains.
         bodies: what labels call its base and its tip, for a chain of a `Robot`.
@@ -112,7 +115,10 @@ class ArmModel(Mechanism):
             for j in chain.joints
         )
         self.parameters = ParameterSet(p for s in self.segments for p in geometric_parameters(s))
-        beside = [p for s in self.segments for p in nongeometric_parameters(s)]
+        masses = {load.joint: load.mass for load in self.loads}
+        beside = [
+            p for s in self.segments for p in nongeometric_parameters(s, masses.get(s.owner, 0.0))
+        ]
         self.nongeometric = ParameterSet([*beside, Parameter(LINKS, EXPANSION, "1/K")])
 
     @classmethod
@@ -293,7 +299,7 @@ class ArmModel(Mechanism):
         """Refuse joints on which nothing hangs: their compliance would do nothing."""
         movers, climbed = [s.owner for s in self.movers], [s.climbed for s in self.movers]
         for parameter in (self.offered[n] for n in names if n not in self.beside):
-            if parameter.key != COMPLIANCE:
+            if parameter.key not in (COMPLIANCE, *BENDING):
                 continue
             hanging = self.loads[beyond(climbed, movers.index(parameter.owner))]
             if not any(load.mass > 0 for load in hanging):
@@ -304,6 +310,34 @@ class ArmModel(Mechanism):
                     file=self.chain.path,
                     where=parameter.name,
                     hint="add the masses, or do not select this parameter",
+                )
+
+    def check_masses_used(self, chosen: ParameterSet) -> None:
+        """Refuse unknown masses that no compliance, unknown or not zero, makes visible.
+
+        Raises:
+            ParameterError: names the first of them.
+        """
+        owners, climbed = [s.owner for s in self.movers], [s.climbed for s in self.movers]
+        yielding = {
+            p.owner
+            for p in self.nongeometric.values()
+            if p.key in (COMPLIANCE, *BENDING) and (p.nominal or p.name in chosen)
+        }
+        seen = {
+            owner
+            for k, joint in enumerate(owners)
+            if joint in yielding
+            for owner in owners[beyond(climbed, k)]
+        }
+        for parameter in chosen.values():
+            if parameter.key == MASS and parameter.owner not in seen:
+                raise ParameterError(
+                    f"{parameter.name}, but no compliance of a joint that carries this mass",
+                    "a mass beside joint.compliance, compliance_x or compliance_y: a mass moves "
+                    "the tip only where a joint yields to it",
+                    where="parameters: select",
+                    hint=f"select {parameter.owner}.compliance_x too, or do not select the mass",
                 )
 
     def function(
@@ -336,7 +370,8 @@ class ArmModel(Mechanism):
             conditions: beside the readings, as `Samples.conditions` has them: the ``direction``
                 (n, joints) of each reading's last motion, -1, 0 or 1 (without it a joint with
                 backlash is in the middle of its play); the ``warmth`` (n, 1), K above 20 °C
-                (without it nothing has grown).
+                (without it nothing has grown); the ``payload`` (n, 4), kg and its centre in the
+                frame of the tip, m (without it the tip carries nothing).
 
         Returns:
             Rotations (n, 3, 3) and positions (n, 3), m; without n for a single reading.

@@ -1,14 +1,16 @@
-"""The torque of gravity about every joint's axis, on CasADi symbols, at the nominal geometry.
+"""The torque of gravity at every joint, on CasADi symbols, at the nominal geometry.
 
-With the mass m_k and centre c_k of every body beyond joint j, whose axis a_j passes through p_j,
+With the mass m_k and centre c_k of every body beyond joint j, which stands at p_j,
 
-    τ_j(q) = a_j · Σ_{k beyond j} (c_k - p_j) × m_k g
+    τ_j(q) = Σ_{k beyond j} (c_k - p_j) × m_k g
 
-which is what gravity does to the joint: the negative of `pin.computeGeneralizedGravity`, the
-torque that would hold it. Beyond a joint is what hangs on its child link: towards the tip where the
-chain descends, towards the base where it climbs. Gravity points along -z of the URDF's root link,
-as Pinocchio has it, so the root must stand as it does in the file. Offsets and other errors are
-left out: a per cent of a deflection is nothing.
+Its component along the joint's axis is what gravity does to the joint: the negative of
+`pin.computeGeneralizedGravity`, the torque that would hold it. Those across the axis bend the joint
+and the link that leads to it. Beyond a joint is what hangs on its child link: towards the tip where
+the chain descends, towards the base where it climbs. What the tip carries, a mass at a point, hangs
+on every joint that descends. Gravity points along -z of the URDF's root link, as Pinocchio has it,
+so the root must stand as it does in the file. Offsets and other errors are left out: a per cent of
+a deflection is nothing.
 """
 
 from __future__ import annotations
@@ -26,27 +28,28 @@ from suta_calib.geometry.symbols import Symbol
 class Load:
     """The mass, kg, that moves with one joint, before the next one, and its centre (3,), m.
 
-    The centre is in the joint's frame.
+    The centre is in the joint's frame. The mass may be a symbol.
     """
 
     joint: str
-    mass: float
+    mass: float | Symbol
     centre: FloatArray
 
 
 @dataclass(frozen=True, eq=False)
 class MovingFrame:
-    """One moving joint at a posture: its axis (3,) and origin (3,) in the base, and its load.
+    """One moving joint at a posture: its axes, where it stands, and the frame of its load.
 
     Attributes:
         joint: its name.
-        axis, point: in the base frame; the point in m.
+        axes: (3, 3) its axis, then the two across it, in the base frame.
+        point: (3,) where it stands on its parent link, in the base frame, m.
         rotation, position: of the frame behind the joint's motion, which its child link has.
         climbed: whether the chain passes it from child to parent.
     """
 
     joint: str
-    axis: Symbol
+    axes: Symbol
     point: Symbol
     rotation: Symbol
     position: Symbol
@@ -59,23 +62,34 @@ def beyond(climbed: Sequence[bool], joint: int) -> slice:
 
 
 def gravity_torques(
-    frames: Sequence[MovingFrame], carried: Sequence[Load], gravity: Symbol
+    frames: Sequence[MovingFrame],
+    carried: Sequence[Load],
+    gravity: Symbol,
+    tip: tuple[Symbol, Symbol, Symbol | None],
 ) -> dict[str, Symbol]:
-    """Torque of gravity about each joint's axis, N·m (for a prismatic one it means nothing).
+    """Torque of gravity about each joint's axis and the two across it, (3,) N·m.
 
-    The moving joints are at nominal, base → tip, and so are their loads; gravity is (3,) in the
-    base frame, m/s².
+    About its own axis that of a prismatic joint means nothing.
+
+    Args:
+        frames: the moving joints at nominal, base → tip.
+        carried: their loads, likewise.
+        gravity: (3,) in the base frame, m/s².
+        tip: rotation and position of the tip, and (4,) what it carries: the mass, kg, and its
+            centre in the tip's frame, m; None for nothing.
     """
     climbed = [frame.climbed for frame in frames]
-    centres = [
-        f.position + f.rotation @ ca.DM(load.centre)
+    rotation, position, payload = tip
+    held = [
+        (load.mass, load.mass * (f.position + f.rotation @ ca.DM(load.centre)))
         for f, load in zip(frames, carried, strict=True)
     ]
+    hung: list[tuple[Symbol, Symbol]] = []
+    if payload is not None:
+        hung.append((payload[0], payload[0] * (position + rotation @ payload[1:])))
     torques = {}
     for k, frame in enumerate(frames):
-        torque: Symbol = ca.SX(3, 1)
-        hanging = beyond(climbed, k)
-        for centre, load in zip(centres[hanging], carried[hanging], strict=True):
-            torque += ca.cross(centre - frame.point, load.mass * gravity)
-        torques[frame.joint] = ca.dot(frame.axis, torque)
+        hanging = [*held[beyond(climbed, k)], *([] if climbed[k] else hung)]
+        mass, moment = (sum(parts[1:], parts[0]) for parts in zip(*hanging, strict=True))
+        torques[frame.joint] = frame.axes.T @ ca.cross(moment - mass * frame.point, gravity)
     return torques

@@ -15,7 +15,12 @@ far a joint turns for what its encoder reads:
 
 with q the reading, q_k that of another joint, τ the torque of gravity about the joint's axis
 (`gravity`), and d the direction of its last motion: 1 towards larger readings, -1 towards smaller
-ones, 0 where nobody says. A prismatic joint has the gain and couplings only. Lengths grow with
+ones, 0 where nobody says. A prismatic joint has the gain and couplings only. Any joint that moves
+bends: before its motion stands
+
+    exp(compliance_x τ_x(q) e_x + compliance_y τ_y(q) e_y)
+
+with e_x and e_y the axes across its own (`Segment.across`). Lengths grow with
 warmth t, how far the arm is above the temperature of its drawing: for xyz stands
 xyz (1 + (links.expansion + joint.expansion) t), all links alike or each by itself. A gear ratio, a
 counted turn or a scale that is not what it should be is a gain. An encoder disc that sits off its
@@ -36,8 +41,8 @@ from __future__ import annotations
 import math
 from collections import defaultdict
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
-from functools import cache
+from dataclasses import dataclass, field, replace
+from functools import cache, cached_property
 from typing import Literal
 
 import casadi as ca
@@ -48,10 +53,12 @@ from suta_calib.geometry.symbols import Symbol, symbolic_rotation
 from suta_calib.model.gravity import Load, MovingFrame, gravity_torques
 from suta_calib.model.parameters import (
     BACKLASH,
+    BENDING,
     COMPLIANCE,
     EXPANSION,
     GAIN,
     LINKS,
+    MASS,
     OFFSET,
     PLACEMENT,
     POSITION,
@@ -60,8 +67,8 @@ from suta_calib.model.parameters import (
 )
 
 Motion = Literal["revolute", "prismatic", "fixed"]
-# From which side joints came, and how warm the arm was.
-Condition = Literal["direction", "warmth"]
+# From which side joints came, how warm the arm was, and what its tip carried.
+Condition = Literal["direction", "warmth", "payload"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,6 +108,21 @@ class Segment:
         """Of its parameters with these keys."""
         return [f"{self.owner}.{key}" for key in keys]
 
+    @cached_property
+    def across(self) -> FloatArray:
+        """(3, 2) the axes e_x and e_y across its own, about which it bends, in the joint's frame.
+
+        They stand still on the parent link. Of an axis along z they are the frame's x and y, of one
+        along x they are y and z, of one along y they are z and x. Of any other axis they are those
+        of the frame's axis that is nearest to it, turned until they are across it.
+        """
+        nearest = int(np.argmax(np.abs(self.axis) + 1e-9 * np.array([0, 1, 2])))
+        following = np.eye(3)[(nearest + 1) % 3]
+        first = following - (following @ self.axis) * self.axis
+        first /= np.linalg.norm(first)
+        second = np.cross(self.axis, first) * np.sign(self.axis[nearest])
+        return np.stack([first, second], axis=1)
+
     @property
     def couplings(self) -> dict[str, str]:
         """Names of its couplings, with the joint whose reading each of them takes."""
@@ -123,7 +145,7 @@ class _Walk:
         self.theta, self.nominal = theta, nominal
         # So many parameters, the first of them, have a column.
         self.rows = len(names) if rows is None else rows
-        # Of gravity about each joint's axis, by the joint's name.
+        # (3,) of gravity about each joint's axis and the two across it, by the joint's name.
         self.torques: Mapping[str, Symbol] = {}
         # What is said of a sample beside its readings: a joint of which nothing is said is in the
         # middle of its play, and an arm at the temperature of its drawing.
@@ -132,8 +154,8 @@ class _Walk:
         self.frames: list[MovingFrame] = []
         # Of the link above base and tip in the base: the frame in which climbing has ended.
         self.top: Symbol = self.rotation
-        # Of these parameters the torques are functions.
-        self.coupled: set[str] = set()
+        # Of these parameters, which are unknown, the torques are functions.
+        self.pulling: list[str] = []
         # Shifts (direction, None) and turns (axis, point it passes through).
         self.ways: list[tuple[Symbol, Symbol | None]] = []
         # column index → which of these the parameter does, and how much of it; None for all of it
@@ -161,12 +183,14 @@ class _Walk:
         for segment in segments:
             if segment.climbed:
                 self._move(segment, q)
+                self._bend(segment)
                 self._turn(segment)
                 self._shift(segment)
                 self.top = self.rotation
             else:
                 self._shift(segment)
                 self._turn(segment)
+                self._bend(segment)
                 self._move(segment, q)
         return self
 
@@ -199,14 +223,40 @@ class _Walk:
         names = segment.names(*ROTATION)
         if not any(map(self.matters, names)):
             return
-        turn, axes = _turned()(ca.vertcat(*map(self.value, names)))
-        if segment.climbed:
-            self.rotation = self.rotation @ turn.T
-        about = (-self.rotation if segment.climbed else self.rotation) @ axes
+        about = self._turned(segment, ca.vertcat(*map(self.value, names)))
         for k, name in enumerate(names):
             self.note({name: None}, about[:, k], self.position)
-        if not segment.climbed:
-            self.rotation = self.rotation @ turn
+
+    def _turned(self, segment: Segment, vector: Symbol) -> Symbol:
+        """The axes (3, 3) of a turn's components, in the base, once it is made."""
+        turn, axes = _turned()(vector)
+        if segment.climbed:
+            self.rotation = self.rotation @ turn.T
+            return -self.rotation @ axes
+        about = self.rotation @ axes
+        self.rotation = self.rotation @ turn
+        return about
+
+    def _bend(self, segment: Segment) -> None:
+        names = segment.names(*BENDING)
+        if segment.owner not in self.torques or not any(map(self.matters, names)):
+            return
+        across, torques = ca.DM(_snapped(segment.across)), self.torques[segment.owner][1:]
+        bent = ca.vertcat(*map(self.value, names)) * torques
+        about = self._turned(segment, across @ bent) @ across
+        for k, name in enumerate(names):
+            if self.matters(name):
+                pulls = self._pulls(torques[k], self.value(name))
+                self.note({name: torques[k], **pulls}, about[:, k], self.position)
+
+    def _pulls(self, torque: Symbol, compliance: Symbol) -> dict[str, Symbol | None]:
+        """What parameters that a torque depends on make a joint yield more, by their names."""
+        if not self.pulling:
+            return {}
+        slopes = ca.jacobian(torque, ca.vertcat(*map(self.value, self.pulling)))
+        return {
+            name: compliance * slopes[k] for k, name in enumerate(self.pulling) if slopes[k].nnz()
+        }
 
     def _move(self, segment: Segment, q: Symbol) -> None:
         if segment.motion == "fixed":
@@ -226,19 +276,18 @@ class _Walk:
         self.note(effects, turned, point if turns else None)
         (compliance,) = segment.names(COMPLIANCE)
         if segment.owner in self.torques and self.matters(compliance):
-            # What a coupling turns, gravity pulls at elsewhere.
-            pulls = {
-                name: self.value(compliance)
-                * ca.jacobian(self.torques[segment.owner], self.value(name))
-                for name in sorted(self.index.keys() & self.coupled)
-            }
+            # What a coupling turns, gravity pulls at elsewhere; at a greater mass it pulls more.
+            pulls = self._pulls(self.torques[segment.owner][0], self.value(compliance))
             self.note(pulls, turned, point)
         if turns:
             self.rotation = spun
         else:
             self.position += turned * amount
-        behind = before if segment.climbed else (self.rotation, self.position)
-        self.frames.append(MovingFrame(segment.owner, along, point, *behind, segment.climbed))
+        ends = before, (self.rotation, self.position)
+        # The parent link's side of the motion, and the child link's.
+        (fixed, root), behind = reversed(ends) if segment.climbed else ends
+        axes = ca.horzcat(along, fixed @ ca.DM(_snapped(segment.across)))
+        self.frames.append(MovingFrame(segment.owner, axes, root, *behind, segment.climbed))
 
     def _beside_the_reading(
         self, segment: Segment, reading: Symbol, q: Symbol
@@ -254,7 +303,7 @@ class _Walk:
                 "ecc_s1": lambda: ca.sin(reading),
                 "ecc_c2": lambda: ca.cos(2 * reading),
                 "ecc_s2": lambda: ca.sin(2 * reading),
-                COMPLIANCE: lambda: self.torques[segment.owner],
+                COMPLIANCE: lambda: self.torques[segment.owner][0],
                 BACKLASH: lambda: self._lost(segment),
             }
         for name, turn in zip(segment.names(*turns), turns.values(), strict=True):
@@ -310,30 +359,38 @@ def forward_kinematics(
     Returns:
         ``ca.Function(theta (n), q (readings)) -> (rotation (9, column by column), position (3),
         jacobian (rows, 6))``, all dense, in the base frame. What is told are further inputs, in
-        that order: ``direction (readings)``, ``warmth (1)``, K. A row of the Jacobian is the
-        velocity of the tip's origin, then the angular velocity, for unit change of that parameter.
+        the order of ``conditions``: ``direction (readings)``; ``warmth (1)``, K; ``payload (4)``,
+        the mass, kg, that the tip carries and its centre in the tip's frame, m. A row of the
+        Jacobian is the velocity of the tip's origin, then the angular velocity, for unit change of
+        that parameter.
     """
     theta = ca.SX.sym("theta", len(names))
     moving = [s for s in segments if s.motion != "fixed"]
     q = ca.SX.sym("q", max(width, 1 + max((s.column for s in moving), default=-1)))
     walk = _Walk(names, theta, nominal, rows)
-    if gravity is not None and any(walk.matters(n) for s in moving for n in s.names(COMPLIANCE)):
+    inputs = {"theta": theta, "q": q}
+    sizes: dict[Condition, int] = {"direction": q.numel(), "warmth": 1, "payload": 4}
+    for name in conditions:
+        inputs[name] = ca.SX.sym(name, sizes[name])
+    yielding = (n for s in moving for n in s.names(COMPLIANCE, *BENDING))
+    if gravity is not None and any(map(walk.matters, yielding)):
         # A per cent of a deflection is nothing: the torque is that of the arm as the URDF has it.
         drawn = {
             name: float(x)
             for s in segments
             for name, x in zip(s.names(*POSITION), s.position, strict=True)
         }
-        # But a coupling turns the links by as much as a reading does.
-        walk.coupled = {n for s in moving for n in s.couplings}
-        drawn |= {n: nominal.get(n, 0.0) for n in walk.coupled}
-        sought = [n for n in names if n in walk.coupled]
-        those = ca.vertcat(*map(walk.value, sought))
-        still = _Walk(sought, those, drawn).along(segments, q)
-        walk.torques = gravity_torques(still.frames, carried, still.top @ ca.DM(gravity))
-    inputs = {"theta": theta, "q": q}
-    for name in conditions:
-        inputs[name] = ca.SX.sym(name, q.numel() if name == "direction" else 1)
+        # But a coupling turns the links by as much as a reading does, and masses pull.
+        masses = {f"{load.joint}.{MASS}": load.mass for load in carried}
+        drawn |= {n: nominal.get(n, 0.0) for s in moving for n in s.couplings}
+        drawn |= {n: nominal.get(n, mass) for n, mass in masses.items()}
+        pulling = {*masses, *(n for s in moving for n in s.couplings)}
+        walk.pulling = [n for n in names if n in pulling]
+        those = ca.vertcat(*map(walk.value, walk.pulling))
+        still = _Walk(walk.pulling, those, drawn).along(segments, q)
+        pulled = [replace(w, mass=still.value(n)) for n, w in zip(masses, carried, strict=True)]
+        at_tip = still.rotation, still.position, inputs.get("payload")
+        walk.torques = gravity_torques(still.frames, pulled, still.top @ ca.DM(gravity), at_tip)
     walk.direction, walk.warmth = inputs.get("direction"), inputs.get("warmth")
     walk.along(segments, q)
     outputs = [ca.vec(walk.rotation), walk.position, walk.jacobian().T]

@@ -32,6 +32,10 @@ ROTATION: Final = ("rx", "ry", "rz")
 PLACEMENT: Final = (*POSITION, *ROTATION)
 OFFSET: Final = "offset"
 COMPLIANCE: Final = "compliance"
+# About the two axes across the joint's own (`kinematics.Segment.across`).
+BENDING: Final = ("compliance_x", "compliance_y")
+# Of what a joint carries before the next one.
+MASS: Final = "mass"
 GAIN: Final = "gain"
 BACKLASH: Final = "backlash"
 EXPANSION: Final = "expansion"
@@ -40,25 +44,29 @@ COUPLING: Final = "coupling"
 # Owner of what all links of an arm have in common.
 LINKS: Final = "links"
 # An eccentric encoder disc gives the first harmonic, a tilted or oval one the second.
-Family = Literal["ecc_1", "ecc_2", "compliance", "gain", "backlash", "expansion", "coupling"]
+Family = Literal[
+    "ecc_1", "ecc_2", "compliance", "bending", "gain", "backlash", "expansion", "coupling"
+]
 FAMILIES: Final[dict[Family, tuple[str, ...]]] = {
     "ecc_1": ("ecc_c1", "ecc_s1"),
     "ecc_2": ("ecc_c2", "ecc_s2"),
     "compliance": (COMPLIANCE,),
+    "bending": BENDING,
     "gain": (GAIN,),
     "backlash": (BACKLASH,),
     "expansion": (EXPANSION,),
 }
 ECCENTRICITY: Final = (*FAMILIES["ecc_1"], *FAMILIES["ecc_2"])
 # How these keys begin: globs reach them only where they say so.
-_NONGEOMETRIC: Final = ("ecc", COMPLIANCE, GAIN, BACKLASH, EXPANSION, COUPLING)
+_NONGEOMETRIC: Final = ("ecc", COMPLIANCE, MASS, GAIN, BACKLASH, EXPANSION, COUPLING)
 # Lengths and angles of the size that moves the tip of a metre-long arm by a centimetre, and what
-# yields as much to the torque of a few kilograms, or grows as much in ten degrees; a pixel; a share
-# of a turn, or what bends a picture, by as much.
+# yields as much to the torque of a few kilograms, or grows as much in ten degrees; a tenth of such
+# a mass; a pixel; a share of a turn, or what bends a picture, by as much.
 SCALE: Final[dict[Unit, float]] = {
     "m": 0.01,
     "rad": 0.01,
     "rad/Nm": 1e-3,
+    "kg": 0.1,
     "1/K": 1e-3,
     "px": 1.0,
     "1": 0.01,
@@ -69,6 +77,7 @@ PLAUSIBLE: Final[dict[Unit, float]] = {
     "m": 0.05,
     "rad": from_deg(10.0),
     "rad/Nm": from_deg(0.2),
+    "kg": 1.0,
     # Plastics; steel has 12e-6, aluminium 23e-6.
     "1/K": 1e-4,
     "px": 20.0,
@@ -81,6 +90,8 @@ USUAL_GEOMETRY: Final[dict[Unit, float]] = {"m": 2e-3, "rad": from_deg(0.5)}
 LEAST_SIZE: Final = 1e-12
 # A degree of eccentricity, or of play, would be seen with the naked eye.
 PLAUSIBLE_ECCENTRICITY: Final = from_deg(1.0)
+# Of a mass that a URDF states: cables, covers and screws are often left out of it.
+PLAUSIBLE_MASS: Final = 0.3
 
 
 @dataclass(frozen=True)
@@ -91,7 +102,7 @@ class Parameter:
         owner: what it belongs to, e.g. ``joint_4`` or ``placement[P1]``.
         key: which of the owner's numbers it is, e.g. ``z``, ``rx``, ``offset``, ``ecc_c1``; empty
             for its only one.
-        unit: ``m``, ``rad``, ``rad/Nm``, ``1/K``, ``1`` for a gain or a coupling; of a
+        unit: ``m``, ``rad``, ``rad/Nm``, ``kg``, ``1/K``, ``1`` for a gain or a coupling; of a
             camera ``px`` and ``1``.
         nominal: where it starts, and where it stays if nothing can be said of it.
         lower, upper: bounds of the value, infinite where there is none.
@@ -140,6 +151,10 @@ class Parameter:
         """Whether it says how far another joint's reading moves its owner."""
         return self.key.startswith(COUPLING)
 
+    def in_urdf(self, value: float) -> bool:
+        """Whether a URDF can hold this value of it, or has it already."""
+        return self.geometric or value == (self.nominal if self.key == MASS else 0.0)
+
     @property
     def scale(self) -> float:
         """Unit of the solver's variable."""
@@ -150,9 +165,11 @@ class Parameter:
     ) -> Parameter:
         """The same parameter with ``nominal ± bound`` and a prior standard deviation."""
         half = math.inf if bound is None else bound
+        # No mass is below zero.
+        least = 0.0 if self.unit == "kg" else -math.inf
         return replace(
             self,
-            lower=self.nominal - half,
+            lower=max(self.nominal - half, least),
             upper=self.nominal + half,
             prior=prior,
             plausible=math.nan,
@@ -227,9 +244,10 @@ class Selection(Displayable):
         select: names, globs, or the word ``geometric``; one alone may be given as it is.
         bound_m, bound_rad, bound_rad_per_nm: half-width of the bounds about nominal, for lengths,
             for angles and for compliances.
-        bound_per_k, bound_ratio: the same for expansions, 1/K, and of gains and couplings, 1.
-        prior_m, prior_rad, prior_rad_per_nm, prior_per_k, prior_ratio: standard deviation of a
-            Gaussian prior about nominal.
+        bound_kg, bound_per_k, bound_ratio: the same for masses, kg, for expansions, 1/K, and of
+            gains and couplings, 1.
+        prior_m, prior_rad, prior_rad_per_nm, prior_kg, prior_per_k, prior_ratio: standard
+            deviation of a Gaussian prior about nominal.
         fixed: beside a prior, its size stays whatever the data say of it; alone, name the parameter
             in the result, but do not estimate it.
         line: line of the job file, for messages.
@@ -248,6 +266,8 @@ class Selection(Displayable):
     prior_ratio: float | None = None
     bound_per_k: float | None = None
     prior_per_k: float | None = None
+    bound_kg: float | None = None
+    prior_kg: float | None = None
 
     def __post_init__(self) -> None:
         given = (self.select,) if isinstance(self.select, str) else self.select
@@ -269,6 +289,7 @@ class Selection(Displayable):
             "m": (self.bound_m, self.prior_m),
             "rad": (self.bound_rad, self.prior_rad),
             "rad/Nm": (self.bound_rad_per_nm, self.prior_rad_per_nm),
+            "kg": (self.bound_kg, self.prior_kg),
             "1/K": (self.bound_per_k, self.prior_per_k),
             "1": (self.bound_ratio, self.prior_ratio),
         }[unit]
@@ -338,16 +359,23 @@ def _matches(
         return matches
     offset = f"{joint}.{OFFSET}"
     slides = offset in available and available[offset].unit == "m"
-    if slides and beside and not key.startswith(COUPLING):
+    if key == MASS and offset in available:
+        problem, hint = f"'{pattern}', but the URDF has no mass that {joint} carries", ""
+        expected = "<inertial> with <mass> and <origin> in its child link"
+    elif slides and beside and not key.startswith(COUPLING):
         problem, hint = f"'{pattern}', but {joint} is prismatic", ""
-        expected = "a revolute joint: only revolute joints have eccentricity and compliance"
+        expected = (
+            "a revolute joint: only revolute joints have eccentricity and compliance; a prismatic "
+            "one has compliance_x and compliance_y"
+        )
     else:
         problem = f"'{pattern}', which matches no parameter of the arm"
         hint = _did_you_mean(pattern, [*available, GEOMETRIC])
         expected = (
             "names like joint.offset, joint.x|y|z|rx|ry|rz, joint.gain, "
-            "joint.ecc_c1|ecc_s1|ecc_c2|ecc_s2, joint.compliance, joint.backlash, joint.expansion, "
-            "joint.coupling[joint], globs of them, links.expansion, or 'geometric'"
+            "joint.ecc_c1|ecc_s1|ecc_c2|ecc_s2, joint.compliance, joint.compliance_x|compliance_y, "
+            "joint.mass, joint.backlash, joint.expansion, joint.coupling[joint], globs of them, "
+            "links.expansion, or 'geometric'"
         )
     raise ParameterError(problem, expected, line=row.line, where="parameters: select", hint=hint)
 
@@ -357,6 +385,7 @@ def _check_units(row: Selection, units: set[Unit]) -> None:
         "m": ("bound_mm or prior_mm", "lengths"),
         "rad": ("bound_deg or prior_deg", "angles"),
         "rad/Nm": ("bound_deg_per_nm or prior_deg_per_nm", "compliances"),
+        "kg": ("bound_kg or prior_kg", "masses"),
         "1/K": ("bound_ppm_per_k or prior_ppm_per_k", "expansions"),
         "1": ("bound or prior", "gains or couplings"),
     }

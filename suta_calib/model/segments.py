@@ -12,12 +12,15 @@ from suta_calib.model.chain import ChainJoint, Mimic
 from suta_calib.model.kinematics import Motion, Segment
 from suta_calib.model.parameters import (
     BACKLASH,
+    BENDING,
     COMPLIANCE,
     ECCENTRICITY,
     EXPANSION,
     GAIN,
+    MASS,
     OFFSET,
     PLAUSIBLE_ECCENTRICITY,
+    PLAUSIBLE_MASS,
     POSITION,
     ROTATION,
     Parameter,
@@ -72,8 +75,11 @@ def geometric_parameters(segment: Segment) -> Iterator[Parameter]:
         yield Parameter(segment.owner, OFFSET, "m" if segment.motion == "prismatic" else "rad")
 
 
-def nongeometric_parameters(segment: Segment) -> Iterator[Parameter]:
-    """What a joint of its kind may do beside its geometry: zero unless found otherwise."""
+def nongeometric_parameters(segment: Segment, mass: float = 0.0) -> Iterator[Parameter]:
+    """What a joint of its kind may do beside its geometry: zero unless found otherwise.
+
+    And the mass that it carries before the next one, kg, where the URDF states one.
+    """
     if segment.position.any():
         yield Parameter(segment.owner, EXPANSION, "1/K")
     if segment.motion != "fixed":
@@ -85,3 +91,9 @@ def nongeometric_parameters(segment: Segment) -> Iterator[Parameter]:
             yield Parameter(segment.owner, key, "rad", plausible=PLAUSIBLE_ECCENTRICITY)
         yield Parameter(segment.owner, COMPLIANCE, "rad/Nm")
         yield Parameter(segment.owner, BACKLASH, "rad", plausible=PLAUSIBLE_ECCENTRICITY)
+    if segment.motion != "fixed":
+        for key in BENDING:
+            yield Parameter(segment.owner, key, "rad/Nm")
+        if mass > 0:
+            width = PLAUSIBLE_MASS * mass
+            yield Parameter(segment.owner, MASS, "kg", mass, lower=0.0, plausible=width)

@@ -97,6 +97,7 @@ def row_dict(row: Selection) -> Json:
         "bound_mm": row.bound_m and shown(row.bound_m, "m"),
         "bound_deg": row.bound_rad and shown(row.bound_rad, "rad"),
         "bound_deg_per_nm": row.bound_rad_per_nm and shown(row.bound_rad_per_nm, "rad/Nm"),
+        "bound_kg": row.bound_kg,
         "bound_ppm_per_k": row.bound_per_k and shown(row.bound_per_k, "1/K"),
         "bound": row.bound_ratio,
     }

@@ -228,7 +228,7 @@ ARM_KEYS: Final = Fields(
 # A point has no orientation.
 POINT_KEYS: Final = Fields(POSITION)
 # Of what an arm's parameters may be.
-ARM_UNITS: Final[tuple[Unit, ...]] = ("m", "rad", "rad/Nm", "1/K", "1")
+ARM_UNITS: Final[tuple[Unit, ...]] = ("m", "rad", "rad/Nm", "kg", "1/K", "1")
 _SIZES: Final[tuple[tuple[str, Sign, str], ...]] = (
     ("value", "any", "The difference from nominal."),
     ("std", "non-negative", "Standard deviation of the random differences from nominal."),

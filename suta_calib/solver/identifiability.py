@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from suta_calib.arrays import FloatArray, IntArray
 from suta_calib.display import Displayable
 from suta_calib.errors import ParameterError
-from suta_calib.model.parameters import OFFSET, ROTATION, ParameterSet
+from suta_calib.model.parameters import MASS, OFFSET, ROTATION, ParameterSet
 from suta_calib.solver.information import Information
 
 # Standard deviation over plausible range beyond which a number is not worth reporting: a value
@@ -247,7 +247,7 @@ def _weak_directions(matrices: list[FloatArray], prior: FloatArray) -> FloatArra
 
 
 def _preference(parameters: ParameterSet) -> FloatArray:
-    """Among equals, fix what is no geometry first, then turns, lengths, offsets.
+    """Among equals, fix masses and then what is no geometry first, then turns, lengths, offsets.
 
     Of those zeros before lengths, base first.
     """
@@ -255,6 +255,6 @@ def _preference(parameters: ParameterSet) -> FloatArray:
     for k, p in enumerate(parameters.values()):
         group = 0 if p.key in ROTATION else 2 if p.key == OFFSET else 1
         if not p.geometric:
-            group = -1
+            group = -2 if p.key == MASS else -1
         rank.append(group + (0.5 if p.nominal else 0.0) + 1e-6 * k)
     return np.array(rank)

@@ -31,7 +31,7 @@ import numpy as np
 
 from suta_calib.arrays import FloatArray, IntArray
 from suta_calib.display import Displayable
-from suta_calib.model.parameters import COMPLIANCE, EXPANSION, GAIN, OFFSET
+from suta_calib.model.parameters import BENDING, COMPLIANCE, EXPANSION, GAIN, MASS, OFFSET
 from suta_calib.solver.information import Rows, whitened_rows
 from suta_calib.solver.noise_evidence import (
     SETTLED,
@@ -124,6 +124,7 @@ def prior_groups(problem: Problem) -> list[str | None]:
             groups.append("tip")
         elif not p.geometric:
             kinds = {GAIN: "gains", COMPLIANCE: "compliances", EXPANSION: "expansions"}
+            kinds |= {MASS: "masses", **dict.fromkeys(BENDING, "bending compliances")}
             kind = kinds.get(p.key, "eccentricities")
             groups.append("couplings" if p.coupling else kind)
         elif p.key == OFFSET:

@@ -80,6 +80,10 @@ def columns_of(kind: SampleColumns) -> dict[str, ArrayColumn]:
     return columns | {
         "direction": ArrayColumn(f"(n, joints) of {side}"),
         "temperature": ArrayColumn("(n,) in °C, or one for all", about="Of the arm."),
+        "payload": ArrayColumn(
+            "(n,) in kg, or (n, 4): kg and x, y, z in m",
+            about="What the tip carries, and where in its frame.",
+        ),
         "origin": ArrayColumn("(n,) names of the rows, for messages"),
     }
 
@@ -200,7 +204,7 @@ def _samples(kind: SampleColumns, arm: ArmModel, q: ArrayLike, given: Mapping[st
         if column.name in given
     }
     sigma, turned = given.get("position_sigma"), given.get("orientation")
-    warm = given.get("temperature")
+    warm, load = given.get("temperature"), given.get("payload")
     return Samples.from_arrays(
         arm.joints,
         readings,
@@ -213,7 +217,17 @@ def _samples(kind: SampleColumns, arm: ArmModel, q: ArrayLike, given: Mapping[st
         temperature=None if warm is None else _spread("temperature", warm, (n,)),
         position_sigma=None if sigma is None else _spread("position_sigma", sigma, (n, 3)),
         pixels=given.get("pixels"),
+        payload=None if load is None else _loads(load, n),
     )
+
+
+def _loads(values: ArrayLike, n: int) -> FloatArray:
+    """(n, 4) masses and their places; masses alone are at the tip, and one stands for all."""
+    load = numbers_of("payload", values)
+    if load.ndim < 2:
+        masses = _spread("payload", load, (n,))
+        return np.column_stack([masses, np.zeros((len(masses), 3))])
+    return load
 
 
 def _spread(name: str, values: ArrayLike, shape: tuple[int, ...]) -> FloatArray:

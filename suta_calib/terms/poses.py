@@ -129,7 +129,7 @@ class ArmPoses(PoseSource):
         self.samples = samples
         # Readings that are looked at to learn how far the tip reaches: an average needs no more.
         self._levers = _Levers(arm, samples.q[:: 1 + len(samples) // 50])
-        self._standing = _Standing(samples.q)
+        self._standing = _Standing(samples.q, loads=samples.payload)
 
     @property
     def reach(self) -> float:
@@ -201,12 +201,14 @@ class _Standing:
 
     q: FloatArray
     rows: IntArray | None = None
+    # What the tip carries (n, 4): with another load it is no longer where it was.
+    loads: FloatArray | None = None
     by_tolerance: dict[float, IntArray] = field(default_factory=dict)
 
     @property
     def rests(self) -> IntArray:
         """See `ArmPoses.rests`."""
-        return self._groups(WANDER)
+        return self._groups(WANDER, self.loads)
 
     @property
     def postures(self) -> IntArray:
@@ -219,11 +221,12 @@ class _Standing:
     def take(self, rows: ArrayLike) -> _Standing:
         """Those of some rows, by number or by boolean mask."""
         before = np.arange(len(self.q)) if self.rows is None else self.rows
-        return _Standing(self.q, before[np.asarray(rows)], self.by_tolerance)
+        return _Standing(self.q, before[np.asarray(rows)], self.loads, self.by_tolerance)
 
-    def _groups(self, tolerance: float) -> IntArray:
+    def _groups(self, tolerance: float, loads: FloatArray | None = None) -> IntArray:
         if tolerance not in self.by_tolerance:
-            self.by_tolerance[tolerance] = together(self.q, tolerance)
+            both = self.q if loads is None else np.hstack([self.q, loads])
+            self.by_tolerance[tolerance] = together(both, tolerance)
         of_all = self.by_tolerance[tolerance]
         return of_all if self.rows is None else numbered(of_all[self.rows])[1]
 

@@ -58,8 +58,8 @@ class CalibrationUncertainty(Displayable):
             and compliances among them: the calibrated URDF lacks these.
         source: what the file offered.
         fixed: parameters the data could not tell: what is said holds relative to them.
-        beside_geometry: gains, eccentricities and compliances that are not zero: no URDF holds
-            them.
+        beside_geometry: gains, eccentricities and compliances that are not zero, and masses that
+            are not those of the URDF: no URDF holds them.
         held: of the fixed ones, how each parameter changes with it, and how far off it may be, m
             and rad; empty where the file does not say.
         counted: of those that were fixed, the ones whose doubt stands in the covariance
@@ -231,7 +231,7 @@ def read_uncertainty(
     _check_covariance(covariance, path, source)
     values = {n: float(numbers(e.get("value"), (), path, n)) for n, e in entries.items()}
     fixed = tuple(str(n) for n in data.get("unidentified", []) if n in offered)
-    beside = {n: v for n, v in values.items() if v and not arm.offered[n].geometric}
+    beside = {n: v for n, v in values.items() if not arm.offered[n].in_urdf(v)}
     held = tuple(_held(data, fixed, path))
     return CalibrationUncertainty(path, names, covariance, values, source, fixed, beside, held)
 

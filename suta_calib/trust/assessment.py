@@ -277,8 +277,9 @@ def _beside_geometry(
     """
     notes, solution = list[str](), examined.solution
     arm = solution.problem.arm
-    beside = () if arm is None else arm.nongeometric
-    if held := [n for n, e in solution.arm_estimates.items() if e.value and n in beside]:
+    beside = {} if arm is None else arm.nongeometric
+    estimates = solution.arm_estimates.items()
+    if held := [n for n, e in estimates if n in beside and not beside[n].in_urdf(e.value)]:
         notes.append(
             f"A URDF cannot hold {listed(held)}. calibrated.urdf has the geometry only, and is not "
             "accurate alone: use it with the corrections in result.json (track and validate apply "

@@ -19,7 +19,15 @@ import numpy as np
 from suta_calib.arrays import FloatArray
 from suta_calib.assessment import attempt
 from suta_calib.display import Displayable
-from suta_calib.model.parameters import BACKLASH, COMPLIANCE, EXPANSION, POSITION, Parameter
+from suta_calib.model.parameters import (
+    BACKLASH,
+    BENDING,
+    COMPLIANCE,
+    EXPANSION,
+    MASS,
+    POSITION,
+    Parameter,
+)
 from suta_calib.solver.identifiability import WEAK, Combination, Identification
 from suta_calib.solver.information import Information, predicted_information
 from suta_calib.solver.problem import Problem
@@ -308,6 +316,8 @@ def _beside_geometry(case: _Case) -> Explanation | None:
         why, remedy = columns[parameter.key]
         reason: HeldReason = "redundant" if case.redundant else "untold"
         return Explanation(case.fixed, f"{case.fixed} cannot be determined: {why}", remedy, reason)
+    if parameter.key == MASS:
+        return _mass(case)
     if case.partners:
         does = f"has the same effect as {case.partners} at these readings"
         arm = case.problem.arm
@@ -315,10 +325,27 @@ def _beside_geometry(case: _Case) -> Explanation | None:
         joint = arm.couplings.get(case.fixed, arm.read_from[parameter.owner])
         advice = (f"turn {joint} farther", lambda: case.rich.varied(joint))
         return case.explained(f"{case.fixed} {does}", advice)
-    if parameter.key != COMPLIANCE:
+    if parameter.key not in (COMPLIANCE, *BENDING):
         return None
-    does = "has no effect in these postures: gravity has no torque about its axis"
+    which = "its axis" if parameter.key == COMPLIANCE else "this axis across its own"
+    does = f"has no effect in these postures: gravity has no torque about {which}"
     return case.explained(f"{case.fixed} {does}", case.more("tilt its axis"))
+
+
+def _mass(case: _Case) -> Explanation:
+    """A mass moves the tip only where a joint yields, and only by its product with a compliance."""
+    if not case.partners:
+        does = "has no effect at these readings: no joint yields to it"
+        return Explanation(case.fixed, f"{case.fixed} {does}", "give it a prior", "untold")
+    sentence = (
+        f"{case.fixed} together with {case.partners} has no effect: a greater mass and a smaller "
+        "compliance deflect the arm alike, so that the data show only their product"
+    )
+    remedy = (
+        "give a mass a prior, or measure with several known loads at the tip, and state them in "
+        "the column payload_kg"
+    )
+    return Explanation(case.fixed, sentence, remedy, "untold")
 
 
 def _same_thing(case: _Case) -> Explanation | None:
@@ -457,5 +484,6 @@ def _axis(vector: FloatArray) -> str:
 
 def _amount(value: float, unit: Unit) -> str:
     number = f"{shown(value, unit):.3g}"
-    written: dict[Unit, str] = {"m": " mm", "rad": "°", "rad/Nm": "°/Nm", "1/K": " ppm/K"}
+    written: dict[Unit, str] = {"m": " mm", "rad": "°", "rad/Nm": "°/Nm", "kg": " kg"}
+    written["1/K"] = " ppm/K"
     return number + written.get(unit, "")

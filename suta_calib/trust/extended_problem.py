@@ -22,7 +22,8 @@ from suta_calib.solver.solution import Solution
 LOOKS_LIKE: Final[dict[Family, str]] = {
     "ecc_1": "an eccentric encoder",
     "ecc_2": "an eccentric encoder",
-    "compliance": "a joint that bends under gravity",
+    "compliance": "a joint that yields under gravity",
+    "bending": "a link or bearing that bends under gravity",
     "gain": "a reading with a wrong scale factor",
     "backlash": "backlash",
     "expansion": "thermal expansion",
@@ -58,7 +59,7 @@ def offered_names(arm: AnyArm) -> dict[tuple[str, Family], tuple[str, ...]]:
             names = tuple(f"{joint}.{key}" for key in keys)
             if not all(name in arm.nongeometric for name in names):
                 continue
-            if family == COMPLIANCE:
+            if family in (COMPLIANCE, "bending"):
                 try:
                     arm.select(*names)
                 except UrdfError:

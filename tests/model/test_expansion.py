@@ -68,7 +68,7 @@ def test_a_warm_arm_is_pinocchios_with_longer_links(arm: ArmModel, tmp_path: Pat
 
 def test_derivatives_are_those_of_differences(arm: ArmModel) -> None:
     rng = np.random.default_rng(1)
-    names = [n for n in arm.offered if not n.endswith(".compliance")]
+    names = [n for n in arm.offered if ".compliance" not in n]
     values = {n: p.nominal + 0.01 * rng.standard_normal() for n, p in arm.offered.items()}
     theta = np.array([values[n] for n in names])
     q, directions = random_readings(arm, rng, 1)[0], rng.choice([-1.0, 1.0], len(arm.joints))

@@ -22,7 +22,8 @@ from suta_calib.errors import SamplesError, UrdfError
 from suta_calib.measurements.sample_files import SampleColumns, read_samples
 from suta_calib.model.arm import ArmModel
 from suta_calib.model.chain import ChainJoint, Mimic, read_chain
-from suta_calib.model.parameters import COMPLIANCE, GAIN, coupling_key
+from suta_calib.model.kinematics import Segment
+from suta_calib.model.parameters import BENDING, COMPLIANCE, GAIN, MASS, coupling_key
 from suta_calib.terms.poses import joint_ranges
 
 # Numbers of a written URDF are rounded to 1e-12 m or rad; along a chain that adds up.
@@ -87,11 +88,49 @@ class Reference:
         base, tip = (self.data.oMf[self.model.getFrameId(n, pin.FrameType.BODY)] for n in ends)
         return base.actInv(tip)
 
-    def torques(self, q: np.ndarray, coupled: Mapping[str, float]) -> dict[str, float]:
-        """What gravity does to each joint of the chain, turned by its readings and couplings."""
-        found = pin.computeGeneralizedGravity(self.model, self.data, self._configured(q, coupled))
-        numbers = {j.name: self.model.getJointId(j.name) for j in self.moving}
-        return {n: -found[self.model.joints[k].idx_v] for n, k in numbers.items()}
+    def torques(self, q: np.ndarray, coupled: Mapping[str, float]) -> dict[str, np.ndarray]:
+        """What gravity does to each joint of the chain, turned by its readings and couplings.
+
+        About the axes of the joint's frame, which stand on its parent link; held against
+        Pinocchio's torques about the joints' own axes.
+        """
+        model, data, state = self.model, self.data, self._configured(q, coupled)
+        own = pin.computeGeneralizedGravity(model, data, state)
+        pin.rnea(model, data, state, np.zeros(model.nv), np.zeros(model.nv))
+        found = {}
+        for joint, segment in zip(self.moving, self.arm.movers, strict=True):
+            k = model.getJointId(joint.name)
+            motion = model.jointPlacements[k].actInv(data.liMi[k])
+            found[joint.name] = -motion.act(data.f[k]).angular
+            if joint.type != "prismatic":
+                torque = found[joint.name] @ segment.axis
+                np.testing.assert_allclose(torque, -own[model.joints[k].idx_v], atol=1e-9)
+        return found
+
+    def carry(self, payload: np.ndarray) -> None:
+        """Let the tip carry a mass at a point of its frame."""
+        tip = self.model.frames[self.model.getFrameId(self.arm.chain.tip_link, pin.FrameType.BODY)]
+        self._add(tip.parentJoint, payload[0], tip.placement.act(payload[1:]))
+
+    def weigh(self, beside: Mapping[str, float]) -> None:
+        """Give what joints carry the masses of these values, about the same centres.
+
+        What the chain's other links weigh, the joints off the chain carry along.
+        """
+        for load in self.arm.loads:
+            more = beside[f"{load.joint}.{MASS}"] - load.mass
+            self._add(self.model.getJointId(load.joint), more, load.centre)
+
+    def _add(self, joint: int, mass: float, centre: np.ndarray) -> None:
+        body = pin.Inertia(mass, centre, np.zeros((3, 3)))
+        self.model.appendBodyToJoint(joint, body, pin.SE3.Identity())
+        self.data = self.model.createData()
+
+    def bend(self, moves: Mapping[str, pin.SE3]) -> None:
+        """Move joints' frames on their parent links."""
+        for joint, move in moves.items():
+            k = self.model.getJointId(joint)
+            self.model.jointPlacements[k] = self.model.jointPlacements[k] * move
 
 
 @settings(max_examples=12, suppress_health_check=[HealthCheck.too_slow])
@@ -106,25 +145,50 @@ def test_random_trees_are_pinocchios(scratch: Path, seed: int, mimics: bool) -> 
     except UrdfError:
         reject()  # only fixed joints between the two
     values = {n: p.nominal + 0.1 * rng.standard_normal() for n, p in arm.parameters.items()}
-    beside = {n: 0.02 * rng.standard_normal() for n in arm.nongeometric}
+    beside = {
+        n: p.nominal * rng.uniform(1.0, 2.0) if p.key == MASS else 0.02 * rng.standard_normal()
+        for n, p in arm.nongeometric.items()
+    }
     q = random_readings(arm, rng, 3)
+    payload = np.array([[0.0, 0, 0, 0], [2.0, 0.1, -0.2, 0.3], [5.0, 0.3, 0.1, -0.2]])
     # The URDF written back holds the geometry; the errors that no URDF holds move the joints.
-    nominal, told = (Reference(x, arm) for x in (path.read_text(), arm.calibrated_urdf(values)))
-    for row, R, p in zip(q, *arm.forward(q, values | beside), strict=True):
+    poses = arm.forward(q, values | beside, {"payload": payload})
+    for row, load, R, p in zip(q, payload, *poses, strict=True):
+        nominal, told = (Reference(x, arm) for x in (path.read_text(), arm.calibrated_urdf(values)))
+        nominal.weigh(beside)
+        nominal.carry(load)
         torques = nominal.torques(row, _coupled(arm, row, beside))
-        expected = told.pose(row, _turns(arm, row, beside, torques))
+        told.bend({s.owner: _bent(s, torques[s.owner], values | beside) for s in arm.movers})
+        own = {s.owner: float(torques[s.owner] @ s.axis) for s in arm.movers}
+        expected = told.pose(row, _turns(arm, row, beside, own))
         np.testing.assert_allclose(R, expected.rotation, rtol=0, atol=WRITTEN)
         np.testing.assert_allclose(p, expected.translation, rtol=0, atol=WRITTEN)
     names = [*values, *beside]
-    theta, function = np.array([*values.values(), *beside.values()]), arm.function(names)
-    R, _, jacobian = (np.array(a) for a in function(theta, q[0]))
-    for column, step in zip(jacobian, 1e-6 * np.eye(len(names)), strict=True):
-        (Ra, pa, _), (Rb, pb, _) = (
-            map(np.array, function(theta + s * step, q[0])) for s in (-1, 1)
+    theta = np.array([*values.values(), *beside.values()])
+    function, row = arm.function(names, ("payload",)), (q[1], payload[1])
+    R, _, jacobian = (np.array(a) for a in function(theta, *row))
+    # Of the fourth order: what heavy links bend by changes fast.
+    size, weights = 2e-6, {-2: 1 / 12, -1: -2 / 3, 1: 2 / 3, 2: -1 / 12}
+    for column, step in zip(jacobian, size * np.eye(len(names)), strict=True):
+        moved = {s: [np.array(a) for a in function(theta + s * step, *row)] for s in weights}
+        dR, dp = (
+            np.sum([w * moved[s][k] for s, w in weights.items()], axis=0) / size for k in (0, 1)
         )
-        np.testing.assert_allclose(column[:3], (pb - pa).ravel() / 2e-6, atol=3e-8)
-        spin = ((Rb - Ra).reshape(3, 3) / 2e-6).T @ R.reshape(3, 3)
+        np.testing.assert_allclose(column[:3], dp.ravel(), atol=3e-8)
+        spin = dR.reshape(3, 3).T @ R.reshape(3, 3)
         np.testing.assert_allclose(column[3:], [spin[2, 1], spin[0, 2], spin[1, 0]], atol=3e-8)
+
+
+def _bent(segment: Segment, torque: np.ndarray, values: Mapping[str, float]) -> pin.SE3:
+    """How a joint's frame moves on its parent link: about the axes across, by its compliances."""
+    compliances = np.array([values[n] for n in segment.names(*BENDING)])
+    turn = segment.across @ (compliances * (segment.across.T @ torque))
+    # The URDF that is written has a frame that the offset has moved.
+    offset = values[f"{segment.owner}.offset"] * segment.axis
+    slides = segment.motion == "prismatic"
+    moved = pin.SE3(np.eye(3), offset) if slides else pin.SE3(pin.exp3(offset), np.zeros(3))
+    bent: pin.SE3 = moved.inverse() * pin.SE3(pin.exp3(turn), np.zeros(3)) * moved
+    return bent
 
 
 def _turns(

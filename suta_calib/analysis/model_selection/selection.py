@@ -54,6 +54,8 @@ EVERY_JOINT: Final[dict[tuple[Family, ...], str]] = {
     ("ecc_2",): "second harmonic, all joints",
     ("ecc_1", "ecc_2"): "both harmonics, all joints",
     ("compliance",): "compliance, all joints",
+    ("bending",): "bending, all joints",
+    ("compliance", "bending"): "compliance and bending, all joints",
     ("gain",): "gain, all joints",
     ("backlash",): "backlash, all joints",
     ("ecc_1", "ecc_2", "compliance"): "harmonics and compliance, all joints",
@@ -63,6 +65,7 @@ SHORT: Final[dict[Family, str]] = {"ecc_1": "first harmonic", "ecc_2": "second h
 BOUNDS: Final[dict[Unit, str]] = {
     "rad": "bound_rad",
     "rad/Nm": "bound_rad_per_nm",
+    "kg": "bound_kg",
     "1/K": "bound_per_k",
     "1": "bound_ratio",
 }

@@ -15,7 +15,7 @@ class JointError(AddedVariable):
     """Eccentric encoders, wrong gains, joints that yield, backlash, thermal expansion."""
 
     name = "joint error"
-    about = "A joint has an eccentric encoder, compliance, backlash or a wrong gain."
+    about = "A joint has an eccentric encoder, compliance, bending, backlash or a wrong gain."
 
     def effects(self, answer: Examination) -> Iterator[Effect]:
         """One for each joint and family that the answer does not estimate."""
