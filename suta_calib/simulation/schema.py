@@ -106,6 +106,9 @@ class SetSpec(Displayable):
         line: line of the set in the file.
         seating: (3,) how the tip always sits in its sockets: x and y off their axes, m, and the
             turn about the tool's axis, rad.
+        temperature: lowest and highest of the arm, °C; None where no file says.
+        payloads: masses that the tip carries, one of them in each sample, kg; empty for none.
+        payload_place: (3,) where their centre is in the frame of the tip, m.
     """
 
     name: str
@@ -126,6 +129,8 @@ class SetSpec(Displayable):
     line: int | None = None
     seating: tuple[float, float, float] = (0.0, 0.0, 0.0)
     temperature: tuple[float, float] | None = None
+    payloads: tuple[float, ...] = ()
+    payload_place: tuple[float, ...] = (0.0, 0.0, 0.0)
 
     @property
     def term(self) -> type[Term]:
@@ -208,6 +213,16 @@ def _read_temperature(section: YamlSection, name: str) -> tuple[float, float]:
         expected = f"[lowest, highest] in °C, from {coldest:g} to {hottest:g}"
         raise section.refuse(f"[{low:g}, {high:g}]", expected, at=(name,))
     return low, high
+
+
+def _read_masses(section: YamlSection, name: str) -> tuple[float, ...]:
+    """Of which each is zero or more, kg."""
+    given = section.data.get(name)
+    masses = section.numbers(name, max(len(given), 1) if isinstance(given, list) else 1)
+    for index, mass in enumerate(masses):
+        if mass < 0:
+            raise section.refuse(f"{mass:g}", "a mass in kg, 0 or more", at=(name, index))
+    return tuple(masses)
 
 
 def _read_seat(section: YamlSection, name: str) -> tuple[float, ...]:
@@ -308,6 +323,19 @@ def _medium_keys(kind: type[Term]) -> tuple[Field, ...]:
                 Value("lowest, highest in °C", _read_temperature),
                 "Temperature of the arm, random for every sample and written to a column. "
                 f"Default: {REFERENCE_TEMPERATURE:g}, without a column.",
+            ),
+            Field(
+                "payload_kg",
+                Value("list in kg", _read_masses),
+                "Masses that the tip carries, one of them at random in every sample, written to "
+                "columns. Default: none, without columns.",
+                given_attribute="payloads",
+            ),
+            Field(
+                "payload_position_mm",
+                XYZ_MM,
+                "Position of their centre in the frame of the tip; default: its origin.",
+                given_attribute="payload_place",
             ),
             *frames,
             *([Field("orientation", FLAG, turned)] if optional else []),

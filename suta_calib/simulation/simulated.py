@@ -136,7 +136,7 @@ def simulate(
 def true_values(arm: ArmModel, spec: SimulationSpec, seed: int) -> dict[str, float]:
     """True values of all the arm's placements and offsets, nominal where no row names them.
 
-    Gain, eccentricity and compliance are among them only where a row gives them.
+    Gain, eccentricity, compliance and masses are among them only where a row gives them.
 
     A parameter's random number depends on the seed and its name alone, so a change to one row
     leaves the others' parameters as they were.
@@ -147,10 +147,11 @@ def true_values(arm: ArmModel, spec: SimulationSpec, seed: int) -> dict[str, flo
         seed: of the drawn errors.
 
     Returns:
-        Values by name, m, rad, rad/(N·m) or 1, in the arm's order.
+        Values by name, m, rad, rad/(N·m), kg or 1, in the arm's order.
 
     Raises:
-        JobError: a row selects nothing, or gives no size in the unit of one it selects.
+        JobError: a row selects nothing, or gives no size in the unit of one it selects, or makes a
+            mass that is less than zero.
     """
     errors: dict[str, float] = {}
     for index, row in enumerate(spec.errors):
@@ -162,7 +163,16 @@ def true_values(arm: ArmModel, spec: SimulationSpec, seed: int) -> dict[str, flo
         sized = {*row.value, *row.std}
         for name in names:
             if name in row.select or arm.offered[name].unit in sized:
-                errors[name] = _error(arm.offered[name], row, index, seed, spec)
+                p, error = arm.offered[name], _error(arm.offered[name], row, index, seed, spec)
+                if p.unit == "kg" and p.nominal + error < 0:
+                    raise JobError(
+                        f"a mass of {p.nominal + error:.3g} kg for {name}",
+                        f"0 or more: the URDF has {p.nominal:g} kg, to which the error is added",
+                        file=spec.path,
+                        line=row.line,
+                        where=f"errors[{index}]",
+                    )
+                errors[name] = error
     stated = [n for n in arm.offered if n in errors or n in arm.parameters]
     return {n: arm.offered[n].nominal + errors.get(n, 0.0) for n in stated}
 
@@ -258,10 +268,14 @@ def _sighted_samples(
     labels: dict[str, Any] = {plan.term.mark: marks * plan.samples} if marks else {}
     seen_at = np.repeat(np.arange(plan.samples), max(len(marks), 1))
     q, n = rests[seen_at], len(seen_at)
-    conditions: dict[str, Any] = {"temperature": None, "direction": None}
+    conditions: dict[str, Any] = {}
     if plan.temperature is not None:
         warmth = random("temperature").uniform(*plan.temperature, plan.samples)
         conditions["temperature"] = warmth[seen_at]
+    if plan.payloads:
+        masses = random("payload").choice(plan.payloads, plan.samples)
+        places = np.tile(plan.payload_place, (plan.samples, 1))
+        conditions["payload"] = np.column_stack([masses, places])[seen_at]
     sides = last_motions(arm, values, rests, random("direction"))
     if sides is not None:
         conditions["direction"] = sides[seen_at]
@@ -360,7 +374,7 @@ def _ideal(
 ) -> Observed:
     """What would be seen in these configurations without noise.
 
-    ``conditions`` is what is known of the arm beside its readings: temperature and direction.
+    ``conditions`` is what is known of the arm beside its readings, such as its temperature.
     """
     n = len(q)
     blank = Samples.from_arrays(

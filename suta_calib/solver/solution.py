@@ -324,5 +324,10 @@ class Solution(Displayable):
 
 def near_bound(parameter: Parameter, value: float) -> bool:
     """Whether a value ended on one of its bounds."""
-    gap = min(value - parameter.lower, parameter.upper - value)
-    return math.isfinite(gap) and gap < 1e-5 * (parameter.upper - parameter.lower)
+    gap, width = (
+        min(value - parameter.lower, parameter.upper - value),
+        parameter.upper - parameter.lower,
+    )
+    # A mass has one bound only.
+    width = width if math.isfinite(width) else parameter.plausible
+    return math.isfinite(gap) and gap < 1e-5 * width

@@ -299,6 +299,8 @@ def _of_term(problem: Problem, combination: Combination) -> Explanation:
 def _beside_geometry(case: _Case) -> Explanation | None:
     """What is no geometry, and the visited readings do not show."""
     parameter = case.parameter
+    if parameter.key == MASS:
+        return _mass(case)
     if not case.motion.vanishes or parameter.geometric:
         return None
     columns = {
@@ -316,8 +318,6 @@ def _beside_geometry(case: _Case) -> Explanation | None:
         why, remedy = columns[parameter.key]
         reason: HeldReason = "redundant" if case.redundant else "untold"
         return Explanation(case.fixed, f"{case.fixed} cannot be determined: {why}", remedy, reason)
-    if parameter.key == MASS:
-        return _mass(case)
     if case.partners:
         does = f"has the same effect as {case.partners} at these readings"
         arm = case.problem.arm
@@ -335,17 +335,23 @@ def _beside_geometry(case: _Case) -> Explanation | None:
 def _mass(case: _Case) -> Explanation:
     """A mass moves the tip only where a joint yields, and only by its product with a compliance."""
     if not case.partners:
-        does = "has no effect at these readings: no joint yields to it"
-        return Explanation(case.fixed, f"{case.fixed} {does}", "give it a prior", "untold")
-    sentence = (
-        f"{case.fixed} together with {case.partners} has no effect: a greater mass and a smaller "
-        "compliance deflect the arm alike, so that the data show only their product"
+        does = "has hardly any effect: in these postures gravity has little torque at it about an "
+        return Explanation(case.fixed, f"{case.fixed} {does}axis that yields", "give it a prior")
+    parameters = case.problem.parameters
+    yielding = any(parameters[n].key in (COMPLIANCE, *BENDING) for n in case.motion.main)
+    why = (
+        "a greater mass and a smaller compliance deflect the arm alike, so that the data show only "
+        "their product"
+        if yielding
+        else "a greater mass and a smaller one beside it deflect the arm alike"
     )
-    remedy = (
-        "give a mass a prior, or measure with several known loads at the tip, and state them in "
-        "the column payload_kg"
+    remedy = "give a mass a prior" + (
+        ", or measure with several known loads at the tip, and state them in the column payload_kg"
+        if yielding
+        else ""
     )
-    return Explanation(case.fixed, sentence, remedy, "untold")
+    sentence = f"{case.fixed} together with {case.partners} has hardly any effect: {why}"
+    return Explanation(case.fixed, sentence, remedy)
 
 
 def _same_thing(case: _Case) -> Explanation | None:
