@@ -96,7 +96,7 @@ class CalibrationJob(Displayable):
         arm = spec.arm.mechanism(dict.fromkeys((row.chain, row.base_chain) for row in rows))
         try:
             parameters = arm.select(*spec.parameters)
-            arm.check_masses_used(parameters)
+            arm.check_masses_felt(parameters)
         except ParameterError as error:
             raise placed(error, spec.path, error.line) from None
         # What was fitted and what is held out touch the same artefact: it is read once.

@@ -76,7 +76,7 @@ def unknowns_of(arm: AnyArm, free: Free) -> tuple[tuple[Selection, ...], Paramet
         rows.append(row if isinstance(row, Selection) else Selection(row))
     if given != [GEOMETRIC]:
         chosen = arm.select(*rows)
-        arm.check_masses_used(chosen)
+        arm.check_masses_felt(chosen)
         return tuple(rows), with_usual_priors(chosen.values())
     rows.append(Selection(f"*.{OFFSET}"))
     chosen = arm.select(*rows)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import pickle
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Container, Iterable, Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
@@ -312,33 +312,20 @@ class ArmModel(Mechanism):
                     hint="add the masses, or do not select this parameter",
                 )
 
-    def check_masses_used(self, chosen: ParameterSet) -> None:
-        """Refuse unknown masses that no compliance, unknown or not zero, makes visible.
-
-        Raises:
-            ParameterError: names the first of them.
-        """
+    def masses_felt(self, chosen: Container[str]) -> set[str]:
+        """Names of the masses beyond its joints that yield."""
         owners, climbed = [s.owner for s in self.movers], [s.climbed for s in self.movers]
         yielding = {
             p.owner
             for p in self.nongeometric.values()
             if p.key in (COMPLIANCE, *BENDING) and (p.nominal or p.name in chosen)
         }
-        seen = {
-            owner
+        return {
+            f"{owner}.{MASS}"
             for k, joint in enumerate(owners)
             if joint in yielding
             for owner in owners[beyond(climbed, k)]
         }
-        for parameter in chosen.values():
-            if parameter.key == MASS and parameter.owner not in seen:
-                raise ParameterError(
-                    f"{parameter.name}, but no compliance of a joint that carries this mass",
-                    "a mass beside joint.compliance, compliance_x or compliance_y: a mass moves "
-                    "the tip only where a joint yields to it",
-                    where="parameters: select",
-                    hint=f"select {parameter.owner}.compliance_x too, or do not select the mass",
-                )
 
     def function(
         self, names: Sequence[str], conditions: Iterable[Condition] = (), rows: int | None = None

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Container, Iterable, Mapping, Sequence
 from functools import cached_property
 from pathlib import Path
 
@@ -12,10 +12,12 @@ import numpy as np
 from suta_calib.arrays import FloatArray
 from suta_calib.atomic import write_bytes_atomically
 from suta_calib.display import Displayable
+from suta_calib.errors import ParameterError
 from suta_calib.geometry.numbers import rotation_from_rpy
 from suta_calib.model.chain import Chain, ChainJoint
 from suta_calib.model.kinematics import Segment
 from suta_calib.model.parameters import (
+    MASS,
     OFFSET,
     POSITION,
     ROTATION,
@@ -71,6 +73,14 @@ class Mechanism(Displayable):
 
         Raises:
             UrdfError: a name is the compliance of such a joint.
+        """
+
+    @abstractmethod
+    def masses_felt(self, chosen: Container[str]) -> set[str]:
+        """Names of the masses at which gravity deflects it.
+
+        Args:
+            chosen: names of compliances that are unknown; others count where they are not zero.
         """
 
     @abstractmethod
@@ -167,6 +177,23 @@ class Mechanism(Displayable):
         chosen = select_parameters(self.offered, self.geometric, selections)
         self.check_masses(chosen)
         return chosen
+
+    def check_masses_felt(self, chosen: ParameterSet) -> None:
+        """Refuse unknown masses that no compliance, unknown or not zero, makes visible.
+
+        Raises:
+            ParameterError: names the first of them.
+        """
+        felt = self.masses_felt(chosen)
+        for parameter in chosen.values():
+            if parameter.key == MASS and parameter.name not in felt:
+                raise ParameterError(
+                    f"{parameter.name}, but no compliance of a joint that carries this mass",
+                    "a mass beside joint.compliance, compliance_x or compliance_y: a mass moves "
+                    "the tip only where a joint yields to it",
+                    where="parameters: select",
+                    hint=f"select {parameter.owner}.compliance_x too, or do not select the mass",
+                )
 
     def calibrated_urdf(self, values: Mapping[str, float]) -> bytes:
         """The user's own URDF with these values in the origins of its joints, for raw readings.

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Container, Iterable, Mapping, Sequence
 from functools import cached_property, lru_cache
 from pathlib import Path
 from typing import final
@@ -14,7 +14,7 @@ from suta_calib.model.chain import Chain, ChainJoint, chain_of
 from suta_calib.model.kinematic_urdf import pinocchio_model
 from suta_calib.model.kinematics import Segment
 from suta_calib.model.mechanism import Mechanism, Origins, union
-from suta_calib.model.parameters import ParameterSet
+from suta_calib.model.parameters import MASS, ParameterSet
 from suta_calib.model.urdf_tree import UrdfTree, read_tree
 
 
@@ -201,6 +201,10 @@ class Robot(Mechanism):
         for arm in self.chains.values():
             arm.check_masses(name for name in asked if name in arm.nongeometric)
 
+    def masses_felt(self, chosen: Container[str]) -> set[str]:
+        """Of all chains."""
+        return set[str]().union(*(arm.masses_felt(chosen) for arm in self.chains.values()))
+
     def origins(self, values: Mapping[str, float]) -> Origins:
         """Of the joints of all chains."""
         return {k: v for arm in self.arms for k, v in arm.origins(values).items()}
@@ -263,6 +267,9 @@ def _check_one_robot(arms: Sequence[ArmModel]) -> None:
                 "terms over different arms", "one arm, or chains of one robot", hint=hint
             )
         for name, p in arm.offered.items():
-            if name in first.offered and first.offered[name].nominal != p.nominal:
+            # What a joint carries has the chains beyond it in it that are not looked at.
+            if p.key == MASS or name not in first.offered:
+                continue
+            if first.offered[name].nominal != p.nominal:
                 expected = "chains of one robot at the same values"
                 raise ParameterError(f"two values of {name}", expected)
