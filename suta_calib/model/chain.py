@@ -76,6 +76,7 @@ class ChainJoint(Displayable):
         line: line of the ``<joint>`` in the file, from 1.
         mimic: whose reading it follows; None for a joint with a reading of its own.
         climbed: whether the chain passes it from its child link to its parent link.
+        passive: whether it has no encoder, and follows from a closed loop (`model.loop`).
     """
 
     name: str
@@ -90,11 +91,32 @@ class ChainJoint(Displayable):
     line: int
     mimic: Mimic | None = None
     climbed: bool = False
+    passive: bool = False
 
     @property
     def moving(self) -> bool:
         """Whether the joint moves, by a reading of its own or by another's."""
         return self.type in _MOVING_TYPES
+
+
+@dataclass(frozen=True, eq=False)
+class LoopJoints:
+    """The joints of a closed loop that hangs on the tree (`model.loop`).
+
+    Attributes:
+        passive: names of the two that have no encoder, and follow the others.
+        branches: the joints from the link above both ends of the loop down to each of them.
+        axis: (3,) common axis of the joints that turn, in the frame of that link.
+    """
+
+    passive: tuple[str, str]
+    branches: tuple[tuple[ChainJoint, ...], tuple[ChainJoint, ...]]
+    axis: FloatArray
+
+    @property
+    def joints(self) -> tuple[ChainJoint, ...]:
+        """Of both branches."""
+        return (*self.branches[0], *self.branches[1])
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,6 +137,7 @@ class Chain(Displayable):
             need not be on the chain.
         coupled: by joint of the robot, those that move it too by a ``<transmission>``.
         notes: what the file has that other readers may refuse, and no pose depends on.
+        loops: closed loops that move joints of the chain, in the order in which they are solved.
     """
 
     path: Path
@@ -128,6 +151,14 @@ class Chain(Displayable):
     moving: tuple[ChainJoint, ...]
     coupled: Mapping[str, tuple[str, ...]]
     notes: tuple[str, ...] = ()
+    loops: tuple[LoopJoints, ...] = ()
+
+    @property
+    def beside(self) -> tuple[ChainJoint, ...]:
+        """The joints of the loops that are not on the way from base to tip."""
+        on_the_way = {joint.name for joint in self.joints}
+        every = {joint.name: joint for loop in self.loops for joint in loop.joints}
+        return tuple(joint for name, joint in every.items() if name not in on_the_way)
 
 
 def read_chain(path: str | Path, tip: str, base: str | None = None) -> Chain:
@@ -157,15 +188,15 @@ def chain_of(tree: UrdfTree, tip: str, base: str | None = None) -> Chain:
     inside = {joint.element for joint in (*climbed, *descended)}
     if problem := unexpanded(tree.path, [e for e in tree.leftover if e.getparent() in inside]):
         raise problem
-    joints = tuple(_chain_joint(tree, joint, climbed=True) for joint in climbed)
-    joints += tuple(_chain_joint(tree, joint) for joint in descended)
+    joints = tuple(chain_joint(tree, joint, climbed=True) for joint in climbed)
+    joints += tuple(chain_joint(tree, joint) for joint in descended)
     if not any(joint.moving for joint in joints):
         description = f"only fixed joints between {quoted(base or base_link)} and {quoted(tip)}"
         raise UrdfError(description, "at least one joint that moves", file=tree.path, where="tip")
     top = climbed[-1].parent if climbed else base_link
     by_name = {joint.name: joint for joint in joints}
     read = dict.fromkeys(j.mimic.joint if j.mimic else j.name for j in joints if j.moving)
-    moving = tuple(by_name.get(name) or _chain_joint(tree, tree.joints[name]) for name in read)
+    moving = tuple(by_name.get(name) or chain_joint(tree, tree.joints[name]) for name in read)
     # Couplings of every two joints are offered: of 200 joints 40,000, for which a second is enough.
     most_joints = 250
     if len(moving) > most_joints:
@@ -217,7 +248,8 @@ def _joints_between(tree: UrdfTree, base: str, tip: str) -> tuple[list[TreeJoint
     return climbed, descended[::-1]
 
 
-def _chain_joint(tree: UrdfTree, joint: TreeJoint, *, climbed: bool = False) -> ChainJoint:
+def chain_joint(tree: UrdfTree, joint: TreeJoint, *, climbed: bool = False) -> ChainJoint:
+    """One joint of the tree, checked."""
     path = tree.path
     where, element = f"joint {quoted(joint.name)}", joint.element
     kind = attribute(path, element, "type", where)
