@@ -33,6 +33,7 @@ from .measurements import Samples as Samples
 from .measurements import read_artefact as read_artefact
 from .measurements import read_samples as read_samples
 from .model import ArmModel as ArmModel
+from .model import Loop as Loop
 from .model import Parameter as Parameter
 from .model import ParameterSet as ParameterSet
 from .model import Robot as Robot

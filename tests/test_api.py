@@ -344,7 +344,11 @@ WRONG_CALLS: list[tuple[tuple[Any, ...], dict[str, Any], str]] = [
     ((ARM, []), {}, "calibrate: found no observations"),
     ((ARM, None), {}, "calibrate: terms: found None; expected terms"),
     ((ARM, [SEEN]), {}, "expected a term; make one with from_arrays"),
-    ((3, [seen(9, 1)]), {}, "found int; expected an ArmModel, a CalibrationJob, or the path"),
+    (
+        (3, [seen(9, 1)]),
+        {},
+        "found int; expected an ArmModel, a Robot, a CalibrationJob, or the path",
+    ),
     (("no.yaml",), {}, "no.yaml"),
     ((ARM, seen(2, 1)), {}, "found 2 samples; expected at least 3"),
     ((ARM.at({"joint_4.z": 0.6}), seen(9, 1)), {}, "of another ArmModel; expected this arm"),

@@ -46,7 +46,7 @@ NOT_RUN = {
     "suta-calib observe examples": "what calibrate asks first; the same",
 }
 # Examples that the pages' commands and lines of Python read.
-KEPT = ("pivot_tool", "ros_hand_eye", "stylus_polaris", "ur5_laser_tracker")
+KEPT = ("pivot_tool", "ros_hand_eye", "stylus_polaris", "ur5_laser_tracker", "whole_robot")
 # Entries of a sequence that are looked at.
 MOST = 30
 PUBLIC = {

@@ -8,8 +8,9 @@ from typing import Final, TypeVar
 
 from suta_calib.errors import JobError, ParameterError
 from suta_calib.measurements import YamlSection
-from suta_calib.measurements.fields import LENGTH, XYZ_MM, Field, Fields
+from suta_calib.measurements.fields import LENGTH, XYZ_MM, Field, Fields, Value
 from suta_calib.model.arm import ArmModel
+from suta_calib.model.loop import Loop
 from suta_calib.model.parameters import POSITION, Selection, coupling_key
 from suta_calib.model.robot import Robot
 from suta_calib.units import from_mm
@@ -91,6 +92,35 @@ class TipOffset:
             return arm.at({name: moved[name].nominal for name in names})
         except ParameterError as problem:
             raise JobError.of(problem, self.file, self.line) from None
+
+
+LOOP_KEYS: Final = Fields(
+    Field(
+        "frames",
+        Value("two links", YamlSection.texts),
+        "Two links or frames of the URDF whose origins coincide on the pin that closes the loop.",
+        required=True,
+    ),
+    Field(
+        "passive",
+        Value("two joints", YamlSection.texts),
+        "The two joints of the loop that have no encoder: they follow the others.",
+        required=True,
+    ),
+)
+
+
+def read_loop(row: YamlSection) -> Loop:
+    """One row of ``loops``.
+
+    Raises:
+        JobError: a key that is unknown or missing, or another number of names than two.
+    """
+    values = LOOP_KEYS.read(row)
+    for key, names in values.items():
+        if len(names) != 2:
+            raise row.refuse(f"{len(names)} names", "two names", at=(key,))
+    return Loop(**values, line=row.line)
 
 
 @dataclass(frozen=True)

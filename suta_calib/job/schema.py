@@ -15,7 +15,7 @@ from typing import Any, Final, Literal, TypeVar, get_args
 from suta_calib.display import Displayable
 from suta_calib.errors import JobError, UrdfError, did_you_mean
 from suta_calib.inputs import UrdfFile
-from suta_calib.job.arm_keys import TIP_OFFSET_KEYS, Couplings, TipOffset
+from suta_calib.job.arm_keys import LOOP_KEYS, TIP_OFFSET_KEYS, Couplings, TipOffset, read_loop
 from suta_calib.job.keys import BOUND_AND_PRIOR_KEYS, COMMON_KEYS, OBSERVATION_KEYS, SELECTION_KEYS
 from suta_calib.measurements.exclusion import Exclusion
 from suta_calib.measurements.fields import (
@@ -39,6 +39,7 @@ from suta_calib.measurements.fields import (
 from suta_calib.measurements.scale import GRADES, SCALE_KEYS, LengthScale
 from suta_calib.measurements.yaml_file import YamlSection, read_yaml
 from suta_calib.model.arm import ArmModel
+from suta_calib.model.loop import Loop
 from suta_calib.model.parameters import Selection
 from suta_calib.model.robot import Robot
 from suta_calib.terms import KINDS, GivenPose, Seating, Term
@@ -105,6 +106,12 @@ class ArmSpec(Displayable):
         "number is fixed, unless a row estimates joint_3.coupling[joint_2].",
         None,
     )
+    loops: tuple[Loop, ...] = keyed(
+        rows(read_loop, LOOP_KEYS),
+        "Closed loops that hang on the tree of the URDF, as the four-bar of a palletizing arm: "
+        "two frames that a pin joins, and the two joints without an encoder.",
+        (),
+    )
     grade: str = keyed(
         choice(GRADES, "certified, machined or printed"),
         "How the arm was made. It sets the tolerance of the dimensions that are not estimated, and "
@@ -142,7 +149,7 @@ class ArmSpec(Displayable):
         return self.model() if not self.chains else self._completed(partial(self._robot, pairs))
 
     def _robot(self, pairs: Iterable[tuple[str, str]]) -> Robot:
-        return Robot.from_urdf(self.urdf, self.ends(pairs))
+        return Robot.from_urdf(self.urdf, self.ends(pairs), self.loops)
 
     def model(self, chain: str = "") -> ArmModel:
         """The arm at nominal; of several chains the one of this name.
@@ -152,7 +159,7 @@ class ArmSpec(Displayable):
             JobError: it has no such tip, base, joints or chain; names the job's line.
         """
         if not self.chains:
-            read = partial(ArmModel.from_urdf, self.urdf, self.tip, self.base)
+            read = partial(ArmModel.from_urdf, self.urdf, self.tip, self.base, self.loops)
             return self._completed(read)
         if chain not in self.chains:
             names, found = ", ".join(self.chains), f"chain '{chain}'" if chain else "several chains"

@@ -5,6 +5,7 @@ from .chain import read_chain as read_chain
 from .dh import DhRow as DhRow
 from .dh import DhTable as DhTable
 from .dh import dh_table as dh_table
+from .loop import Loop as Loop
 from .parameters import Parameter as Parameter
 from .parameters import ParameterSet as ParameterSet
 from .parameters import Selection as Selection

@@ -23,8 +23,15 @@ from suta_calib.geometry.symbols import Symbol
 from suta_calib.inputs import XacroFile
 from suta_calib.model.chain import Chain, ChainJoint, chain_of
 from suta_calib.model.gravity import Load, beyond
-from suta_calib.model.kinematic_urdf import pinocchio_model
-from suta_calib.model.kinematics import Condition, forward_kinematics
+from suta_calib.model.kinematic_urdf import moving_model
+from suta_calib.model.kinematics import (
+    ClosedLoop,
+    Condition,
+    closed_loop,
+    forward_kinematics,
+    passive_angles,
+)
+from suta_calib.model.loop import Loop, with_loops
 from suta_calib.model.mechanism import Mechanism
 from suta_calib.model.parameters import (
     BENDING,
@@ -114,15 +121,24 @@ class ArmModel(Mechanism):
             segment_of(model, data, j, tip.get(j.name, j.name), columns, sliding)
             for j in chain.joints
         )
-        self.parameters = ParameterSet(p for s in self.segments for p in geometric_parameters(s))
+        self.loop_segments = tuple(
+            segment_of(model, data, j, tip.get(j.name, j.name), columns, sliding)
+            for j in chain.beside
+        )
+        every = (*self.segments, *self.loop_segments)
+        self.parameters = ParameterSet(p for s in every for p in geometric_parameters(s))
         masses = {load.joint: load.mass for load in self.loads}
-        beside = [
-            p for s in self.segments for p in nongeometric_parameters(s, masses.get(s.owner, 0.0))
-        ]
+        beside = [p for s in every for p in nongeometric_parameters(s, masses.get(s.owner, 0.0))]
         self.nongeometric = ParameterSet([*beside, Parameter(LINKS, EXPANSION, "1/K")])
 
     @classmethod
-    def from_urdf(cls, urdf: str | Path | XacroFile, tip: str, base: str | None = None) -> ArmModel:
+    def from_urdf(
+        cls,
+        urdf: str | Path | XacroFile,
+        tip: str,
+        base: str | None = None,
+        loops: Sequence[Loop] = (),
+    ) -> ArmModel:
         """Read the chain from ``base`` to ``tip``: any two links or frames of one tree.
 
         Args:
@@ -130,14 +146,15 @@ class ArmModel(Mechanism):
                 values of its arguments; or the text of a URDF, which begins with ``<``.
             tip: name of a link, or of a joint, which stands for its child link.
             base: the same; the root link by default.
+            loops: closed loops that hang on the tree, of which the URDF says nothing.
 
         Raises:
-            UrdfError: no such file, link or chain, or a chain with a joint that is not revolute,
-                continuous, prismatic or fixed (`chain.read_chain`).
+            UrdfError: no such file, link, chain or loop, or a chain with a joint that is not
+                revolute, continuous, prismatic or fixed (`chain.read_chain`).
         """
         tree = read_tree(urdf)
-        chain = chain_of(tree, tip, base)
-        return cls(chain, pinocchio_model(tree, {j.name for j in chain.joints if j.moving}))
+        chain = with_loops(tree, chain_of(tree, tip, base), loops)
+        return cls(chain, moving_model(tree, chain))
 
     def at(self, values: Mapping[str, float]) -> ArmModel:
         """The same arm with these values as its nominal ones, those of no geometry included.
@@ -242,13 +259,16 @@ class ArmModel(Mechanism):
         own = self.joints
         arm = self._renewed()
         arm.readings, arm.bodies, arm.beside = readings, bodies, beside
-        arm.segments = tuple(
-            replace(
-                s,
-                column=column[own[s.column]],
-                others={joint: column[joint] for joint in s.others},
+        arm.segments, arm.loop_segments = (
+            tuple(
+                replace(
+                    s,
+                    column=column[own[s.column]],
+                    others={joint: column[joint] for joint in s.others},
+                )
+                for s in segments
             )
-            for s in self.segments
+            for segments in (self.segments, self.loop_segments)
         )
         return arm
 
@@ -263,11 +283,46 @@ class ArmModel(Mechanism):
 
     def configuration(self, q: ArrayLike) -> FloatArray:
         """Readings (joints,) as a configuration of `model`, continuous joints included."""
-        moved = self.gearing @ np.asarray(q, dtype=float) + [s.shift for s in self.movers]
+        readings = np.asarray(q, dtype=float)
+        moved = self.gearing @ readings + [s.shift for s in self.movers]
+        amounts = dict(zip((s.owner for s in self.movers), moved.tolist(), strict=True))
         tangent = np.zeros(self.model.nv)
-        for joint, amount in zip(self._moving, moved, strict=True):
+        for joint, amount in (amounts | self.passive_angles(readings)).items():
             tangent[self.model.joints[self.model.getJointId(joint)].idx_v] = amount
         return np.asarray(pin.integrate(self.model, pin.neutral(self.model), tangent))
+
+    def passive_angles(self, q: ArrayLike) -> dict[str, float]:
+        """Angles, rad, of the joints that closed loops move, by name, for readings (joints,)."""
+        if not self.chain.loops:
+            return {}
+        function = self._passive_angles
+        _, *angles = function.call([np.asarray(q, dtype=float)])
+        return dict(zip(function.name_out()[1:], map(float, angles), strict=True))
+
+    def open_loops(self, q: FloatArray) -> FloatArray:
+        """(n,) how far apart the ends of closed loops stay, m, at readings (n, joints).
+
+        About zero where all loops close; a metre of a loop that is drawn a millimetre off may stay
+        open by that.
+        """
+        if not self.chain.loops:
+            return np.zeros(len(q))
+        apart = self._passive_angles.map(len(q))(np.asarray(q, dtype=float).T)[0]
+        farthest: FloatArray = np.array(apart, dtype=float).max(axis=0)
+        return farthest
+
+    @cached_property
+    def _passive_angles(self) -> Any:
+        nominal = {p.name: p.nominal for p in self.offered.values()}
+        return passive_angles(self.closed, nominal, len(self.readings))
+
+    @cached_property
+    def closed(self) -> tuple[ClosedLoop, ...]:
+        """The closed loops that move joints of the chain, in the order in which they are solved."""
+        segments = (*self.segments, *self.loop_segments)
+        joints = (*self.chain.joints, *self.chain.beside)
+        by_joint = {j.name: s for j, s in zip(joints, segments, strict=True)}
+        return tuple(closed_loop(loop, by_joint) for loop in self.chain.loops)
 
     @property
     def tip(self) -> str:
@@ -283,7 +338,8 @@ class ArmModel(Mechanism):
         """
         first, last = self.segments[0], self.segments[-1]
         ends = [s for s, its in ((first, first.climbed), (last, not last.climbed)) if its]
-        owners = {s.owner for s in (*self.movers, *ends)}
+        loops = (s for loop in self.closed for branch in loop.branches for s in branch)
+        owners = {s.owner for s in (*self.movers, *ends, *loops)}
         return frozenset(
             p.name for p in self.parameters.values() if p.owner in owners and p.key != OFFSET
         )
@@ -301,6 +357,13 @@ class ArmModel(Mechanism):
         for parameter in (self.offered[n] for n in names if n not in self.beside):
             if parameter.key not in (COMPLIANCE, *BENDING):
                 continue
+            if self.chain.loops:
+                raise UrdfError(
+                    f"{parameter.name} of an arm with a closed loop",
+                    "a compliance of a chain without loops: a loop takes part of the load",
+                    file=self.chain.path,
+                    where=parameter.name,
+                )
             hanging = self.loads[beyond(climbed, movers.index(parameter.owner))]
             if not any(load.mass > 0 for load in hanging):
                 raise UrdfError(
@@ -429,10 +492,11 @@ class ArmModel(Mechanism):
     def origins(self, values: Mapping[str, float]) -> dict[str, tuple[FloatArray, FloatArray]]:
         """Position (3,), m, and rpy (3,), rad, of every joint's origin as in `calibrated_urdf`."""
         origins = {}
-        for joint, segment in zip(self.chain.joints, self.segments, strict=True):
+        joints = (*self.chain.joints, *self.chain.beside)
+        for joint, segment in zip(joints, (*self.segments, *self.loop_segments), strict=True):
             names = segment.names(*segment.keys)
             x = np.array([values.get(n, self.parameters[n].nominal) for n in names])
-            offset = float(x[6]) if joint.moving else 0.0
+            offset = float(x[6]) if segment.read else 0.0
             origins[joint.name] = folded_origin(joint, x[:3], x[3:6], offset)
         return origins
 
@@ -448,7 +512,7 @@ def _kinematics(
     top = arm.model.frames[arm.model.getFrameId(arm.chain.top, pin.FrameType.BODY)].placement
     gravity = top.rotation.T @ arm.model.gravity.linear
     width = len(arm.readings)
-    chain = arm.segments, names, nominal, arm.loads, gravity, conditions, rows, width
+    chain = arm.segments, names, nominal, arm.loads, gravity, conditions, rows, width, arm.closed
     return _kinematics_of(pickle.dumps(chain))
 
 

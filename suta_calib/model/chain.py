@@ -21,6 +21,7 @@ import numpy as np
 from suta_calib.arrays import FloatArray
 from suta_calib.display import Displayable
 from suta_calib.errors import UrdfError
+from suta_calib.geometry.numbers import rotation_from_rpy
 from suta_calib.model.kinematic_urdf import notes
 from suta_calib.model.urdf_tree import (
     Element,
@@ -112,6 +113,17 @@ class LoopJoints:
     passive: tuple[str, str]
     branches: tuple[tuple[ChainJoint, ...], tuple[ChainJoint, ...]]
     axis: FloatArray
+
+    @property
+    def drawn_senses(self) -> dict[str, float]:
+        """Whether joints turn about the loop's axis or against it, 1 or -1, by name."""
+        senses = dict[str, float]()
+        for branch in self.branches:
+            rotation = np.eye(3)
+            for joint in branch:
+                rotation = rotation @ rotation_from_rpy(joint.rpy)
+                senses[joint.name] = float(np.sign(rotation @ joint.axis @ self.axis))
+        return senses
 
     @property
     def joints(self) -> tuple[ChainJoint, ...]:

@@ -183,8 +183,11 @@ def dh_table(
             can be compared number by number.
 
     Raises:
-        UrdfError: ``like`` has other joints.
+        UrdfError: ``like`` has other joints, or a closed loop moves a joint of the arm.
     """
+    if arm.chain.loops:
+        expected = "an arm without closed loops: a table has no place for them"
+        raise UrdfError("a closed loop", expected, file=arm.chain.path)
     lines = _lines(arm, values or {})
     twists = _wanted_twists(like, [line.name for line in lines]) if like is not None else {}
     last = len(lines) - 1

@@ -38,6 +38,12 @@ def pinocchio_model(tree: UrdfTree, moving: Collection[str]) -> Any:
         raise UrdfError(problem, "a URDF that Pinocchio can load", file=tree.path) from error
 
 
+def moving_model(tree: UrdfTree, chain: Any) -> Any:
+    """`pinocchio_model` in which the joints of a chain and of its closed loops move."""
+    moving = {joint.name for joint in (*chain.joints, *chain.beside) if joint.moving}
+    return pinocchio_model(tree, moving)
+
+
 def _lines(tree: UrdfTree, moving: Collection[str]) -> Iterator[str]:
     yield f'<?xml version="1.0" encoding="utf-8"?>\n<robot name={quoteattr(tree.robot or "robot")}>'
     inertial = {link.get("name"): _inertial(link) for link in children(tree.element, "link")}

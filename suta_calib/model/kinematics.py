@@ -50,7 +50,9 @@ import numpy as np
 
 from suta_calib.arrays import FloatArray
 from suta_calib.geometry.symbols import Symbol, symbolic_rotation
+from suta_calib.model.chain import LoopJoints
 from suta_calib.model.gravity import Load, MovingFrame, gravity_torques
+from suta_calib.model.loop_kinematics import PlanarLoop, Reach
 from suta_calib.model.parameters import (
     BACKLASH,
     BENDING,
@@ -86,6 +88,7 @@ class Segment:
             where it mimics none.
         climbed: whether the chain passes it from child to parent.
         others: the columns of the readings that may move it too, by the joint they are of.
+        passive: whether it has no encoder: a closed loop moves it.
     """
 
     owner: str
@@ -98,11 +101,17 @@ class Segment:
     shift: float = 0.0
     climbed: bool = False
     others: Mapping[str, int] = field(default_factory=dict)
+    passive: bool = False
 
     @property
     def keys(self) -> tuple[str, ...]:
-        """Of its six placement parameters, and of its offset if it moves."""
-        return PLACEMENT if self.motion == "fixed" else (*PLACEMENT, OFFSET)
+        """Of its six placement parameters, and of its offset if it is read."""
+        return (*PLACEMENT, OFFSET) if self.read else PLACEMENT
+
+    @property
+    def read(self) -> bool:
+        """Whether a reading says where it is, its own or one that it follows."""
+        return self.motion != "fixed" and not self.passive
 
     def names(self, *keys: str) -> list[str]:
         """Of its parameters with these keys."""
@@ -127,6 +136,18 @@ class Segment:
     def couplings(self) -> dict[str, str]:
         """Names of its couplings, with the joint whose reading each of them takes."""
         return dict(zip(self.names(*map(coupling_key, self.others)), self.others, strict=True))
+
+
+# By passive joint: its angle, and what it turns per unit of each parameter.
+Passive = dict[str, tuple[Symbol, Mapping[str, Symbol]]]
+
+
+@dataclass(frozen=True, eq=False)
+class ClosedLoop:
+    """A closed loop of the arm: its two branches, from the link above both to their ends."""
+
+    loop: PlanarLoop
+    branches: tuple[tuple[Segment, ...], tuple[Segment, ...]]
 
 
 class _Walk:
@@ -154,6 +175,8 @@ class _Walk:
         self.frames: list[MovingFrame] = []
         # Of the link above base and tip in the base: the frame in which climbing has ended.
         self.top: Symbol = self.rotation
+        # Of joints that closed loops move: the angle, and what it turns per unit of parameters.
+        self.passive: Passive = {}
         # Of these parameters, which are unknown, the torques are functions.
         self.pulling: list[str] = []
         # Shifts (direction, None) and turns (axis, point it passes through).
@@ -261,13 +284,16 @@ class _Walk:
     def _move(self, segment: Segment, q: Symbol) -> None:
         if segment.motion == "fixed":
             return
-        reading = q[segment.column]
+        if segment.passive:
+            reading, by_loop = self.passive[segment.owner]
+        else:
+            reading, by_loop = q[segment.column], {}
         if (segment.multiplier, segment.shift) != (1.0, 0.0):
             reading = segment.multiplier * reading + segment.shift
         axis, way = ca.DM(_snapped(segment.axis)), -1 if segment.climbed else 1
         point, before = self.position, (self.rotation, self.position)
         turns = segment.motion == "revolute"
-        amount, effects = reading, dict[str, Symbol | None]()
+        amount, effects = reading, dict[str, Symbol | None](by_loop)
         for name, effect in self._beside_the_reading(segment, reading, q):
             amount += self.value(name) if effect is None else self.value(name) * effect
             effects[name] = effect
@@ -293,6 +319,8 @@ class _Walk:
         self, segment: Segment, reading: Symbol, q: Symbol
     ) -> Iterator[tuple[str, Symbol | None]]:
         """Names of its offset and of errors that are no geometry, with its turn per unit."""
+        if segment.passive:
+            return
         turns: dict[str, Callable[[], Symbol | None]] = {
             OFFSET: lambda: None,
             GAIN: lambda: reading,
@@ -341,6 +369,7 @@ def forward_kinematics(
     conditions: Sequence[Condition] = (),
     rows: int | None = None,
     width: int = 0,
+    loops: Sequence[ClosedLoop] = (),
 ) -> Symbol:
     """The chain's kinematics as a CasADi function of the named parameters and one sample.
 
@@ -355,6 +384,7 @@ def forward_kinematics(
         rows: of the Jacobian, of so many parameters, the first ones; of all by default.
         width: columns of readings, of which the chain may need but some; as many as it needs by
             default.
+        loops: closed loops that move passive joints, in the order in which they are solved.
 
     Returns:
         ``ca.Function(theta (n), q (readings)) -> (rotation (9, column by column), position (3),
@@ -392,6 +422,8 @@ def forward_kinematics(
         at_tip = still.rotation, still.position, inputs.get("payload")
         walk.torques = gravity_torques(still.frames, pulled, still.top @ ca.DM(gravity), at_tip)
     walk.direction, walk.warmth = inputs.get("direction"), inputs.get("warmth")
+    for loop in loops:
+        _close(loop, walk, q)
     walk.along(segments, q)
     outputs = [ca.vec(walk.rotation), walk.position, walk.jacobian().T]
     return ca.Function(
@@ -401,6 +433,85 @@ def forward_kinematics(
         list(inputs),
         ["rotation", "position", "jacobian"],
     )
+
+
+def closed_loop(loop: LoopJoints, by_joint: Mapping[str, Segment]) -> ClosedLoop:
+    """A loop of the URDF with the segments of its joints."""
+    first, second = (
+        tuple(replace(by_joint[joint.name], climbed=False) for joint in branch)
+        for branch in loop.branches
+    )
+    places = {
+        j.name: (b, k) for b, branch in enumerate(loop.branches) for k, j in enumerate(branch)
+    }
+    # Of two in one branch, the one that carries the other comes first.
+    one, two = sorted(loop.passive, key=places.__getitem__)
+    senses = loop.drawn_senses
+    branch = places[one][0], places[two][0]
+    planar = PlanarLoop((one, two), branch, (senses[one], senses[two]), loop.axis, 1.0)
+    return ClosedLoop(replace(planar, side=_side(planar, (first, second))), (first, second))
+
+
+def _side(planar: PlanarLoop, branches: tuple[tuple[Segment, ...], ...]) -> float:
+    """On which side the loop is assembled, with all joints at zero."""
+    drawn = {
+        name: float(x)
+        for branch in branches
+        for s in branch
+        for name, x in zip(s.names(*POSITION), s.position, strict=True)
+    }
+    columns = 1 + max((s.column for branch in branches for s in branch), default=0)
+
+    def reach(branch: int, angles: Symbol) -> tuple[dict[str, tuple[Symbol, Symbol]], Symbol]:
+        along = _Walk([], ca.SX(0, 1), drawn)
+        # Joints that earlier loops move are at zero too.
+        along.passive = {s.owner: (ca.SX(0), {}) for b in branches for s in b if s.passive}
+        along.passive |= {n: (angles[k], {}) for k, n in enumerate(planar.passive)}
+        along.along(branches[branch], ca.SX(columns, 1))
+        at = {frame.joint: (frame.axes[:, 0], frame.point) for frame in along.frames}
+        return at, along.position
+
+    return planar.drawn_side(reach)
+
+
+def passive_angles(loops: Sequence[ClosedLoop], nominal: Mapping[str, float], width: int) -> Symbol:
+    """CasADi function of readings (width): an angle for each passive joint, called as the joint.
+
+    Before them a number (loops), m: how far apart the ends of each loop stay where it cannot close.
+    """
+    q = ca.SX.sym("q", width)
+    walk, apart = _Walk([], ca.SX(0, 1), nominal), list[Symbol]()
+    for loop in loops:
+        apart.append(loop.loop.apart(_reach(loop, walk, q)))
+        _close(loop, walk, q)
+    angles = [angle for angle, _ in walk.passive.values()]
+    outputs = [ca.densify(output) for output in (ca.vertcat(*apart), *angles)]
+    return ca.Function("passive", [q], outputs, ["q"], ["apart", *walk.passive])
+
+
+def _reach(loop: ClosedLoop, walk: _Walk, q: Symbol) -> Reach:
+    """The branches of a loop without columns: only points of axes and ends are asked."""
+
+    def reach(branch: int, angles: Symbol) -> tuple[dict[str, tuple[Symbol, Symbol]], Symbol]:
+        along = _Walk([*walk.index], walk.theta, walk.nominal, rows=0)
+        along.direction, along.warmth = walk.direction, walk.warmth
+        turned: Passive = {name: (angles[k], {}) for k, name in enumerate(loop.loop.passive)}
+        along.passive = {**walk.passive, **turned}
+        along.along(loop.branches[branch], q)
+        at = {frame.joint: (frame.axes[:, 0], frame.point) for frame in along.frames}
+        return at, along.position
+
+    return reach
+
+
+def _close(loop: ClosedLoop, walk: _Walk, q: Symbol) -> None:
+    """Tell a walk the angles of a loop's passive joints, and how they change with parameters."""
+    conditions = [c for c in (walk.direction, walk.warmth) if c is not None]
+    reach = _reach(loop, walk, q)
+    angles, slopes = loop.loop.solved(reach, walk.theta, [q, *conditions])
+    for k, name in enumerate(loop.loop.passive):
+        columns = {n: slopes[k, j] for n, j in walk.index.items() if slopes[k, j].nnz()}
+        walk.passive[name] = angles[k], columns
 
 
 # What is done with every segment is composed once: an operation on symbols takes some 20 µs from

@@ -6,7 +6,7 @@ frames whose origins coincide, and the two joints without an encoder that give w
 
     C(φ; q, θ) = [u v]ᵀ (p_a(φ, q, θ) - p_b(φ, q, θ)) = 0
 
-with u and v across the common axis of the loop's joints. Two circles meet in closed form; because
+with u and v across the axis of the first passive joint. Two circles meet in closed form; because
 built axes are never quite parallel, two steps of Newton follow, and the error after them is below
 rounding. By the implicit function theorem ∂φ/∂θ = -(∂C/∂φ)⁻¹ ∂C/∂θ (Featherstone 2008, *Rigid Body
 Dynamics Algorithms*, chapter 8).
@@ -28,10 +28,12 @@ from suta_calib.model.chain import Chain, ChainJoint, LoopJoints, chain_joint
 from suta_calib.model.urdf_tree import TreeJoint, UrdfTree, quoted
 from suta_calib.units import mm
 
-# Joints whose axes are less parallel as drawn make no planar loop, rad.
-PARALLEL: Final = 1e-3
-# How far apart two frames that coincide may be drawn, m.
-DRAWN: Final = 1e-3
+# Joints whose axes are less parallel make no planar loop, rad: a calibrated URDF has the tilts of
+# built axes, some tenths of a degree each.
+PARALLEL: Final = 0.05
+# How far apart, over the size of the loop, two frames may be in the URDF that coincide: a
+# calibrated one has the zeros of encoders in it.
+DRAWN: Final = 0.05
 
 _Refuse = Callable[..., UrdfError]
 
@@ -84,11 +86,12 @@ def loop_of(tree: UrdfTree, loop: Loop) -> LoopJoints:
     axis = _common_axis(joints, refuse)
     gap = _drawn(first)[1] - _drawn(second)[1]
     across = gap - (gap @ axis) * axis
-    if np.linalg.norm(across) > DRAWN:
+    allowed = DRAWN * max(float(np.linalg.norm(joint.xyz)) for joint in joints.joints)
+    if np.linalg.norm(across) > allowed:
         raise refuse(
             f"two frames that are {mm(float(np.linalg.norm(across))):.3g} mm apart across the "
             "axis of the loop, with all joints at zero",
-            f"frames that coincide within {mm(DRAWN):g} mm: a loop that closes as it is drawn",
+            f"frames that coincide within {mm(allowed):.2g} mm: a loop that closes as it is drawn",
             "put both frames on the pin, in the posture in which all joints read zero",
         )
     return LoopJoints(loop.passive, (first, second), axis)

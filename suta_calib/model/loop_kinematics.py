@@ -12,8 +12,8 @@ from suta_calib.arrays import FloatArray
 from suta_calib.geometry.symbols import Symbol
 
 # Walks a branch from the link above the loop, with the passive joints at given angles, and gives
-# the points of its joints' axes by name, and that of its end.
-Reach = Callable[[int, Symbol], tuple[dict[str, Symbol], Symbol]]
+# by joint the axis and a point on it, (3,) each, and the point of the branch's end.
+Reach = Callable[[int, Symbol], tuple[dict[str, tuple[Symbol, Symbol]], Symbol]]
 # Steps of Newton's method: from the tilts of built axes (0.5°) the first one leaves 1e-9 rad.
 STEPS = 2
 
@@ -44,6 +44,11 @@ class PlanarLoop:
         first /= np.linalg.norm(first)
         return np.stack([first, np.cross(self.axis, first)])
 
+    def apart(self, reach: Reach) -> Symbol:
+        """How far apart the ends stay at `started` angles, m: about zero where the loop closes."""
+        angles = self.started(reach)
+        return ca.norm_2(self._seen(reach(0, angles)[1] - reach(1, angles)[1]))
+
     def solved(
         self, reach: Reach, theta: Symbol, inputs: Sequence[Symbol]
     ) -> tuple[Symbol, Symbol]:
@@ -56,7 +61,9 @@ class PlanarLoop:
         """
         angles = self.started(reach)
         phi = ca.SX.sym("phi", 2)
-        gap = self._seen(reach(0, phi)[1] - reach(1, phi)[1])
+        ends = [reach(k, phi) for k in (0, 1)]
+        axis, _ = ends[self.branch[0]][0][self.passive[0]]
+        gap = _across(axis, self.plane[0]) @ (ends[0][1] - ends[1][1])
         function = ca.Function(
             "loop",
             [phi, theta, *inputs],
@@ -73,7 +80,7 @@ class PlanarLoop:
         zero = ca.SX(2, 1)
         ends = [reach(k, zero) for k in (0, 1)]
         first, second = (
-            self._seen(ends[b][0][n]) for b, n in zip(self.branch, self.passive, strict=True)
+            self._seen(ends[b][0][n][1]) for b, n in zip(self.branch, self.passive, strict=True)
         )
         if self.branch[0] != self.branch[1]:
             arms = [
@@ -94,17 +101,36 @@ class PlanarLoop:
             turned = by_first, _angle(spun, target - at)
         return ca.vertcat(*(sense * angle for sense, angle in zip(self.sense, turned, strict=True)))
 
+    def drawn_side(self, reach: Reach) -> float:
+        """The side on which the circles meet as the loop is drawn, all joints at zero."""
+        zero = ca.SX(2, 1)
+        ends = [reach(k, zero) for k in (0, 1)]
+        places = zip(self.branch, self.passive, strict=True)
+        first, second = (self._seen(ends[branch][0][name][1]) for branch, name in places)
+        same = self.branch[0] == self.branch[1]
+        other = self._seen(ends[1 - self.branch[0]][1]) if same else second
+        met = second if same else self._seen(ends[self.branch[0]][1])
+        between, arm = other - first, met - first
+        return float(np.sign(float(between[0] * arm[1] - between[1] * arm[0])))
+
     def _seen(self, point: Symbol) -> Symbol:
         return ca.DM(self.plane) @ point
 
     def _meeting(self, first: Symbol, arm: Symbol, second: Symbol, other: Symbol) -> Symbol:
-        """Where circles about two centres, as large as two arms are long, meet on the loop's side."""
+        """Where circles about two centres, as large as arms are long, meet on the loop's side."""
         between = second - first
         apart = ca.dot(between, between)
         along = (ca.dot(arm, arm) - ca.dot(other, other) + apart) / (2 * apart)
         # Circles that do not meet: the nearest that they come. Who reads the samples refuses these.
         height = ca.sqrt(ca.fmax(ca.dot(arm, arm) / apart - along**2, 1e-12))
         return first + along * between + self.side * height * ca.vertcat(-between[1], between[0])
+
+
+def _across(axis: Symbol, near: FloatArray) -> Symbol:
+    """(2, 3) two axes across that of a built joint; the first is nearly along another one."""
+    first = ca.DM(near) - ca.dot(ca.DM(near), axis) * axis
+    first = first / ca.norm_2(first)
+    return ca.vertcat(first.T, ca.cross(axis, first).T)
 
 
 def _angle(a: Symbol, b: Symbol) -> Symbol:

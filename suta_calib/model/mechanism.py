@@ -37,6 +37,7 @@ class Mechanism(Displayable):
     Attributes:
         readings: the joints that have a column in the samples, in the order of the columns.
         segments: the joints of all chains, each once.
+        loop_segments: the joints of closed loops that are on no chain.
         parameters: every placement and offset that could be unknown, all at nominal.
         nongeometric: errors beside the geometry, such as gain or compliance; zero at nominal.
         grade: how it was made, of `measurements.scale.GRADES`; empty if nobody says it.
@@ -44,6 +45,7 @@ class Mechanism(Displayable):
 
     readings: tuple[ChainJoint, ...]
     segments: tuple[Segment, ...]
+    loop_segments: tuple[Segment, ...]
     parameters: ParameterSet
     nongeometric: ParameterSet
     grade: str
@@ -109,8 +111,11 @@ class Mechanism(Displayable):
 
     @cached_property
     def movers(self) -> tuple[Segment, ...]:
-        """The segments that move: those with a reading and those that follow one."""
-        return tuple(s for s in self.segments if s.motion != "fixed")
+        """The segments that readings move: those with one and those that follow one.
+
+        Those of closed loops beside the chain are among them.
+        """
+        return tuple(s for s in (*self.segments, *self.loop_segments) if s.read)
 
     @cached_property
     def read_from(self) -> dict[str, str]:
@@ -158,7 +163,8 @@ class Mechanism(Displayable):
     @property
     def _moving_joints(self) -> tuple[ChainJoint, ...]:
         """All joints that move, those without a reading of their own included, each once."""
-        moving = (joint for chain in self.chained for joint in chain.joints if joint.moving)
+        every = (joint for chain in self.chained for joint in (*chain.joints, *chain.beside))
+        moving = (joint for joint in every if joint.moving and not joint.passive)
         return tuple({joint.name: joint for joint in moving}.values())
 
     @cached_property

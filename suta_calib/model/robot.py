@@ -11,8 +11,9 @@ from suta_calib.errors import ParameterError, did_you_mean
 from suta_calib.inputs import XacroFile
 from suta_calib.model.arm import ArmModel, Bodies, tip_owner
 from suta_calib.model.chain import Chain, ChainJoint, chain_of
-from suta_calib.model.kinematic_urdf import pinocchio_model
+from suta_calib.model.kinematic_urdf import moving_model
 from suta_calib.model.kinematics import Segment
+from suta_calib.model.loop import Loop, with_loops
 from suta_calib.model.mechanism import Mechanism, Origins, union
 from suta_calib.model.parameters import MASS, ParameterSet
 from suta_calib.model.urdf_tree import UrdfTree, read_tree
@@ -38,15 +39,21 @@ class Robot(Mechanism):
         chains: by name, as they were asked for.
     """
 
-    def __init__(self, chains: Mapping[str, ArmModel], tree: UrdfTree | None = None) -> None:
+    def __init__(
+        self,
+        chains: Mapping[str, ArmModel],
+        tree: UrdfTree | None = None,
+        loops: Sequence[Loop] = (),
+    ) -> None:
         self.chains = dict(chains)
-        self._tree = tree
+        self._tree, self._loops = tree, tuple(loops)
 
     @classmethod
     def from_urdf(
         cls,
         urdf: str | Path | XacroFile,
         chains: Mapping[str, tuple[str, str | None]] | None = None,
+        loops: Sequence[Loop] = (),
     ) -> Robot:
         """Read a robot.
 
@@ -54,14 +61,13 @@ class Robot(Mechanism):
             urdf: as of `ArmModel.from_urdf`.
             chains: tip and base of each chain, by name; None as base is the root link. `chain` adds
                 others.
+            loops: closed loops that hang on the tree, as of `ArmModel.from_urdf`.
 
         Raises:
             UrdfError: no such file or link, or a chain that cannot be used (`chain.read_chain`).
         """
-        robot = cls({}, read_tree(urdf))
-        assert robot._tree is not None
-        read = {n: chain_of(robot._tree, *ends) for n, ends in (chains or {}).items()}
-        robot._add(read)
+        robot = cls({}, read_tree(urdf), loops)
+        robot._add({name: robot._read(*ends) for name, ends in (chains or {}).items()})
         return robot
 
     def chain(self, tip: str, base: str | None = None, name: str = "") -> ArmModel:
@@ -76,9 +82,7 @@ class Robot(Mechanism):
             UrdfError: no such link, or a chain that cannot be used.
             ParameterError: the name is that of another chain.
         """
-        if self._tree is None:
-            raise ParameterError("a robot of given chains", "one of Robot.from_urdf", where="chain")
-        chain = chain_of(self._tree, tip, base)
+        chain = self._read(tip, base)
         for known in self.chains.values():
             if (known.chain.base, known.chain.tip) == (chain.base, chain.tip):
                 return known
@@ -88,6 +92,11 @@ class Robot(Mechanism):
             raise ParameterError(repr(name), "a name for one chain", where="chain", hint=hint)
         self._add({name: chain})
         return self.chains[name]
+
+    def _read(self, tip: str, base: str | None) -> Chain:
+        if self._tree is None:
+            raise ParameterError("a robot of given chains", "one of Robot.from_urdf", where="chain")
+        return with_loops(self._tree, chain_of(self._tree, tip, base), self._loops)
 
     def _add(self, chains: Mapping[str, Chain]) -> None:
         tips = dict[str, str]()
@@ -102,8 +111,7 @@ class Robot(Mechanism):
             tips = tip_owner(chain) | tips
         for name, chain in chains.items():
             assert self._tree is not None
-            moving = {joint.name for joint in chain.joints if joint.moving}
-            self.chains[name] = ArmModel(chain, pinocchio_model(self._tree, moving), tips)
+            self.chains[name] = ArmModel(chain, moving_model(self._tree, chain), tips)
         for key in [*vars(self)]:
             if isinstance(getattr(type(self), key, None), cached_property):
                 del self.__dict__[key]
@@ -156,6 +164,13 @@ class Robot(Mechanism):
         return tuple(by_owner.values())
 
     @cached_property
+    def loop_segments(self) -> tuple[Segment, ...]:  # type: ignore[override]
+        """The joints of closed loops that are on no chain, each once."""
+        on_chains = {segment.owner for segment in self.segments}
+        every = (segment for arm in self.arms for segment in arm.loop_segments)
+        return tuple({s.owner: s for s in every if s.owner not in on_chains}.values())
+
+    @cached_property
     def parameters(self) -> ParameterSet:  # type: ignore[override]
         """Every placement and offset that could be unknown, each once."""
         return union([arm.parameters for arm in self.chains.values()])
@@ -189,11 +204,13 @@ class Robot(Mechanism):
 
     def at(self, values: Mapping[str, float]) -> Robot:
         """The same robot with these values as its nominal ones (`ArmModel.at`)."""
-        return Robot({name: arm.at(values) for name, arm in self.chains.items()}, self._tree)
+        moved = {name: arm.at(values) for name, arm in self.chains.items()}
+        return Robot(moved, self._tree, self._loops)
 
     def of_grade(self, grade: str) -> Robot:
         """The same robot, made like this: one of `measurements.scale.GRADES`."""
-        return Robot({n: arm.of_grade(grade) for n, arm in self.chains.items()}, self._tree)
+        made = {name: arm.of_grade(grade) for name, arm in self.chains.items()}
+        return Robot(made, self._tree, self._loops)
 
     def check_masses(self, names: Iterable[str]) -> None:
         """As of `ArmModel`, by every chain that has the joint."""

@@ -61,7 +61,8 @@ def segment_of(
         followed.multiplier,
         followed.offset,
         joint.climbed,
-        couplings if joint.moving else {},
+        couplings if joint.moving and not joint.passive else {},
+        joint.passive,
     )
 
 
@@ -71,7 +72,7 @@ def geometric_parameters(segment: Segment) -> Iterator[Parameter]:
         yield Parameter(segment.owner, key, "m", float(nominal))
     for key in ROTATION:
         yield Parameter(segment.owner, key, "rad")
-    if segment.motion != "fixed":
+    if segment.read:
         yield Parameter(segment.owner, OFFSET, "m" if segment.motion == "prismatic" else "rad")
 
 
@@ -82,16 +83,16 @@ def nongeometric_parameters(segment: Segment, mass: float = 0.0) -> Iterator[Par
     """
     if segment.position.any():
         yield Parameter(segment.owner, EXPANSION, "1/K")
-    if segment.motion != "fixed":
+    if segment.read:
         yield Parameter(segment.owner, GAIN, "1")
         for joint in segment.others:
             yield Parameter(segment.owner, coupling_key(joint), "1")
-    if segment.motion == "revolute":
+    if segment.read and segment.motion == "revolute":
         for key in ECCENTRICITY:
             yield Parameter(segment.owner, key, "rad", plausible=PLAUSIBLE_ECCENTRICITY)
         yield Parameter(segment.owner, COMPLIANCE, "rad/Nm")
         yield Parameter(segment.owner, BACKLASH, "rad", plausible=PLAUSIBLE_ECCENTRICITY)
-    if segment.motion != "fixed":
+    if segment.read:
         for key in BENDING:
             yield Parameter(segment.owner, key, "rad/Nm")
         if mass > 0:

@@ -23,6 +23,7 @@ from suta_calib.measurements.sample_files import JointRange, check_readings
 from suta_calib.measurements.samples import Samples
 from suta_calib.model.parameters import End
 from suta_calib.terms.block import numbered
+from suta_calib.units import mm
 
 if TYPE_CHECKING:
     from suta_calib.model.arm import ArmModel
@@ -125,6 +126,7 @@ class ArmPoses(PoseSource):
                 where="samples",
             )
         check_readings(samples.q, joint_ranges(arm), samples.origin)
+        _check_loops(arm, samples)
         self.arm = arm
         self.samples = samples
         # Readings that are looked at to learn how far the tip reaches: an average needs no more.
@@ -172,6 +174,20 @@ class ArmPoses(PoseSource):
         taken.arm, taken.samples = self.arm, self.samples.take(rows)
         taken._levers, taken._standing = self._levers, self._standing.take(rows)
         return taken
+
+
+def _check_loops(arm: ArmModel, samples: Samples) -> None:
+    """Refuse readings at which a closed loop of the arm cannot close."""
+    apart = arm.open_loops(samples.q)
+    # What built links and the zeros of encoders do to a loop near the end of its reach, m.
+    allowed = 0.01
+    for row in np.flatnonzero(~(apart <= allowed)).tolist():
+        raise SamplesError(
+            f"readings at which the closed loop stays open by {mm(float(apart[row])):.3g} mm",
+            "readings that the loop can reach",
+            where=samples.origin[row],
+            hint="check the signs, the zeros and the units of the joints of the loop",
+        )
 
 
 @dataclass(frozen=True, eq=False)

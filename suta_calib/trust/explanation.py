@@ -450,7 +450,7 @@ def _hardly(case: _Case) -> Explanation:
     # The moving joint whose excitation would tell: the last one at or before the parameter.
     arm, joint = case.problem.arm, ""
     for segment in arm.segments:
-        joint = joint if segment.motion == "fixed" else arm.read_from[segment.owner]
+        joint = arm.read_from.get(segment.owner, joint)
         if segment.owner == parameter.owner and joint:
             break
     else:
