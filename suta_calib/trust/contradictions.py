@@ -14,10 +14,12 @@ from typing import Final
 
 import numpy as np
 
+from suta_calib.model.parameters import Parameter
 from suta_calib.solver.evaluation import Linearised
 from suta_calib.solver.problem import Problem
 from suta_calib.solver.solution import Solution
 from suta_calib.terms import Term
+from suta_calib.terms.poses import ArmPoses
 from suta_calib.trust.accuracy import fitted_too
 from suta_calib.trust.common_scale import CommonScale, beyond_drawing, common_scales
 from suta_calib.trust.held_out import HeldOutErrors, robust_level
@@ -85,11 +87,17 @@ def _residuals(solution: Solution) -> Iterator[Contradiction]:
     sigmas = problem.assumed_sigmas()
     lines = problem.linearise(solution.x, sigmas)
     units = _noise_units(problem)
-    blocks = zip(lines, units, sigmas, solution.noise, strict=True)
-    for k, (line, unit, assumed, learnt) in enumerate(blocks):
-        block, level = line.view.block, robust_level(line.residual)
+    levels = [robust_level(line.residual) for line in lines]
+    ratios = [
+        level / float(np.median(line.sigma)) for level, line in zip(levels, lines, strict=True)
+    ]
+    owners = [j for j, term in enumerate(problem.terms) for _ in term.blocks]
+    # Terms of which a block fits: their rows are not wrong as a whole.
+    fitting = {owner for owner, ratio in zip(owners, ratios, strict=True) if ratio < RESIDUAL_CARE}
+    blocks = zip(lines, units, sigmas, solution.noise, levels, ratios, strict=True)
+    for k, (line, unit, assumed, learnt, level, times) in enumerate(blocks):
+        block = line.view.block
         given = block.noise.sigma is not None
-        times = level / float(np.median(line.sigma))
         scatter, stated = (text(v, block.unit, with_unit=True) for v in (level, assumed))
         if given and times > RESIDUAL_CARE:
             yield Contradiction(
@@ -99,7 +107,7 @@ def _residuals(solution: Solution) -> Iterator[Contradiction]:
                 f"really has so much noise, state it (sigma_{unit}).",
             )
         elif not given and times > RESIDUAL_CARE:
-            yield from _unstated(solution, k, times, unit)
+            yield from _unstated(solution, k, times, unit, right_rows=owners[k] in fitting)
         elif given and learnt * RESIDUAL_CARE < assumed:
             yield Contradiction(
                 False,
@@ -111,19 +119,22 @@ def _residuals(solution: Solution) -> Iterator[Contradiction]:
             yield from _gross(line, unit)
 
 
-def _unstated(solution: Solution, k: int, times: float, unit: str) -> Iterator[Contradiction]:
+def _unstated(
+    solution: Solution, k: int, times: float, unit: str, *, right_rows: bool
+) -> Iterator[Contradiction]:
     """Large residuals of block ``k``, of which no noise is stated, against what rows scatter."""
-    # Residuals as small as is assumed need no such look.
-
-    rows = noise_of_rows(solution)[k]
+    rows, bad = noise_of_rows(solution)[k], times > RESIDUAL
     level = text(rows.level, rows.unit, with_unit=True)
     # From twice what rows themselves scatter on, noise is no explanation: neighbours' estimate is
     # right to a fifth, and the model's error in it.
     if not math.isnan(rows.noise) and rows.ratio < 2.0:
         # Repeats that scatter as much are noise, and every ± has it; not where it is so large that
         # no instrument has it.
-        if rows.source == "repeats" and times <= RESIDUAL:
+        if rows.source == "repeats" and not bad:
             return
+        # Where positions fit, the rows are right: then orientations as rough as those of a small
+        # marker are noise.
+        bad = bad and not right_rows
         cause = (
             f"{rows.source} differ by as much. Either the instrument has so much noise, or "
             f"single rows are wrong. If it is the instrument, state its noise (sigma_{unit})"
@@ -140,9 +151,7 @@ def _unstated(solution: Solution, k: int, times: float, unit: str) -> Iterator[C
             f"{rows.source} scatter by only {noise}. The model lacks something, or a group of "
             "rows is wrong"
         )
-    yield Contradiction(
-        times > RESIDUAL, f"The {rows.name} residuals are {level} per axis: {cause}."
-    )
+    yield Contradiction(bad, f"The {rows.name} residuals are {level} per axis: {cause}.")
 
 
 def _noise_units(problem: Problem) -> list[str]:
@@ -323,8 +332,20 @@ def _priors(solution: Solution) -> Iterator[Contradiction]:
         any(pull > PULL for pull in stated),
         f"{name}{more} ended {worst:.0f} standard deviations from {says} (by "
         f"{text(values[name] - p.nominal, p.unit, with_unit=True)}, prior "
-        f"{text(p.prior, p.unit, with_unit=True)}): either the prior or the data are wrong.",
+        f"{text(p.prior, p.unit, with_unit=True)}): either the prior or the data are wrong."
+        + _mounted([parameters[name] for _, name in far], solution.problem.terms),
     )
+
+
+def _mounted(far: Sequence[Parameter], terms: Sequence[Term]) -> str:
+    """What a tip far from its nominal place may mean: something on its link was measured."""
+    for term in terms:
+        poses, mount = term.poses, term.on_unknown_mount
+        if mount is None or not isinstance(poses, ArmPoses):
+            continue
+        if any(p.owner == poses.arm.segments[-1].owner for p in far):
+            return f" Perhaps {mount[0]}."
+    return ""
 
 
 def _repeated(solution: Solution, validation: Sequence[Term]) -> Iterator[Contradiction]:

@@ -5,10 +5,23 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from judging import assessed, notes_on, watched
+from scipy.spatial.transform import Rotation
 from simulated import arm_named
 
-from suta_calib import Noise, ParameterSet, Problem, Selection, Solution, SolverOptions, solve
+from suta_calib import (
+    Calibration,
+    Noise,
+    ParameterSet,
+    Problem,
+    Selection,
+    Solution,
+    SolverOptions,
+    TrackedPoint,
+    calibrate,
+    solve,
+)
 from suta_calib.arrays import FloatArray
+from suta_calib.geometry.numbers import rotation_from_vector
 from suta_calib.trust.priors import judge_priors
 from suta_calib.trust.repeats import noise_of_rows
 
@@ -91,3 +104,29 @@ def test_held_priors_that_are_too_narrow_are_named(times: float, level: str) -> 
     notes = judge_priors(solved(2e-4, truth=truth, unknowns=held, apart=0.3))
     assert ("fixed: true" in " ".join(notes.bad)) == (level == "bad")
     assert not notes.care
+
+
+def poses_seen(unknowns: Selection, turned: float = 0.0) -> Calibration:
+    """Positions to 0.1 mm and orientations to 1.1 deg, of the tip or of a body turned on it."""
+    arm, random = arm_named("suta"), np.random.default_rng(6)
+    q = postures(60, 3e-3)
+    rotation, position = arm.forward(q, {"joint_2.offset": 0.01})
+    rough = Rotation.from_rotvec(random.normal(0.0, 0.02, (len(q), 3))).as_matrix()
+    term = TrackedPoint.from_arrays(
+        arm,
+        q,
+        position=position + random.normal(0.0, 1e-4, (len(q), 3)),
+        orientation=rotation @ rotation_from_vector([turned, 0.0, 0.0]) @ rough,
+    )
+    return calibrate(arm, term, free=[Selection(("joint_[2-6].offset",), bound_rad=0.2), unknowns])
+
+
+def test_orientations_of_a_small_marker_are_noise_where_positions_fit() -> None:
+    judged = poses_seen(Selection(("tip.r?",), bound_rad=3.2)).assessment
+    assert judged.level == "care"
+    assert any("neighbours differ by as much" in sentence for sentence in judged.notes)
+
+
+def test_a_body_turned_on_the_tip_is_guessed_where_its_prior_is_left() -> None:
+    judged = poses_seen(Selection(("tip.r?",), prior_rad=5e-3), turned=1.2).assessment
+    assert any("body that is fixed to the tip's link" in sentence for sentence in judged.notes)
