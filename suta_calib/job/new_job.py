@@ -42,11 +42,12 @@ _SHEET: Final = f"""\
 {_LANDMARKS}name: my sheet
 grade: printed
 # A printer makes a sheet up to 1 % too long or too short, along x and along y by different factors:
-# both are estimated, with a standard deviation of 0.5 %. Measure the sheet along both sides with a
-# steel ruler, write the result into the positions, and state how good the ruler was: 1000 ppm are
-# 0.2 mm over 200 mm. Nothing else improves the lengths of the arm as much.
+# both are estimated. What both have in common cannot be told from the lengths of the arm: unless
+# the sheet is measured, the arm stays up to 1 % too long or too short, and the verdict says so.
+# So measure the sheet along both sides with a steel ruler, write the result into the positions, and
+# state how good the ruler was: 1000 ppm are 0.2 mm over 200 mm.
 stretch: free
-# scale_ppm: 1000
+# scale_ppm: 1000   # uncomment it as soon as the sheet is measured
 landmarks:
 """ + "".join(
     f"  {row}{k}: {{position_mm: [{80 * n}, {50 * (k - 3)}, 0], sigma_mm: 0.1}}\n"

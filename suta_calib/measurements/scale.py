@@ -6,6 +6,7 @@ So the factor is stated, not estimated: its relative standard deviation, by hand
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -45,6 +46,11 @@ class LengthScale:
         return self.std / PPM
 
     @property
+    def measured(self) -> bool:
+        """Whether somebody stated it; otherwise only the grade says it."""
+        return not self.grade or self.std != GRADES[self.grade]
+
+    @property
     def in_ppm(self) -> str:
         """`std` for a reader: ``20 ppm``, ``5,000 ppm``."""
         return f"{self.ppm:,.0f} ppm" if self.ppm >= 100 else f"{self.ppm:.3g} ppm"
@@ -65,9 +71,18 @@ def read_stretch(section: YamlSection, scale: LengthScale | None) -> float | Non
     """``stretch`` of a file: the prior of the stretch along x and y, a ratio; None where fixed."""
     printed = scale is not None and scale.grade == "printed"
     choice = section.choice("stretch", ("free", "fixed"), "free" if printed else "fixed")
-    if choice == "fixed":
-        return None
-    return scale.std if scale is not None and scale.std > 0 else GRADES["printed"]
+    return None if choice == "fixed" else stretch_prior(scale)
+
+
+def stretch_prior(scale: LengthScale | None) -> float:
+    """Standard deviation of the stretch along x, and of that along y, a ratio.
+
+    A stated scale was measured along both sides. A grade is that of the common factor, the mean of
+    the two, so each of them varies by the root of two more.
+    """
+    if scale is None or scale.std == 0:
+        scale = LengthScale.of_grade("printed")
+    return scale.std if scale.measured else math.sqrt(2) * scale.std
 
 
 def scale_row(scale: LengthScale | None, stretch: float | None) -> dict[str, Any]:
@@ -120,8 +135,8 @@ SCALE_KEYS: Final = Fields(
 STRETCH: Final = Field(
     "stretch",
     Value("free or fixed"),
-    "free: the stretch along x and along y is estimated. Its prior is the standard deviation of "
-    "the scale (5,000 ppm without grade and scale_ppm). Default: free for the grade printed, "
-    "else fixed.",
+    "free: the stretch along x and along y is estimated. Its prior is scale_ppm; without it, 1.4 "
+    "times the standard deviation of the grade (5,000 ppm without grade), so that the mean of both "
+    "varies by the grade. Default: free for the grade printed, else fixed.",
 )
 BODY_KEYS: Final = Fields(*SCALE_KEYS, STRETCH)

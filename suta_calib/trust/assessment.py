@@ -16,7 +16,8 @@ from suta_calib.trust.linearised import ExtensionGain, best_extension
 from suta_calib.trust.patterns import matches
 from suta_calib.trust.priors import PriorNotes
 from suta_calib.trust.repeats import LACKING
-from suta_calib.trust.scale_effects import held_unseen
+from suta_calib.trust.scale_effects import ScaleEffect, held_unseen
+from suta_calib.trust.wrong_labels import sentence_on
 from suta_calib.units import Unit, stored, text, unit_name
 from suta_calib.words import listed
 
@@ -63,9 +64,11 @@ def assess_calibration(examined: CalibrationExamination) -> Assessment:
             *(item.sentence for item in contradicting if not item.bad),
             *(said for said, level in doubts.items() if level == "care"),
             *([] if accuracy.validation or accuracy.unjudged else [fitted_only]),
+            *([] if cause else judge("labels", lambda: _on_labels(examined), failed)),
             *judge("the gain", lambda: _on_gain(accuracy), failed),
             *(belief.sentence for belief in beliefs),
             *judge("parameters", lambda: _on_parameters(examined), failed),
+            *judge("the scale", lambda: _on_guessed_scale(examined), failed),
             *judge("redundancy", lambda: _on_redundancy(examined), failed),
             *([] if first else named),
             *judge(
@@ -119,6 +122,12 @@ def _cause(examined: CalibrationExamination) -> list[str]:
     return matches(solution, "suspicion") if cause is None else [cause.sentence]
 
 
+def _on_labels(examined: CalibrationExamination) -> list[str]:
+    """Few wrong rows hide behind a robust fit."""
+    rows = examined.wrong_labels
+    return [sentence_on(rows)] if rows else []
+
+
 def _on_gain(accuracy: Accuracy) -> list[str]:
     """An arm that was right before is neither made better nor spoilt."""
     gain = accuracy.gain
@@ -169,9 +178,23 @@ def _as_drawn(examined: CalibrationExamination) -> list[str]:
 
 def _on_scale(examined: CalibrationExamination) -> list[str]:
     """Whatever makes all that was measured longer makes the arm longer, and leaves no residual."""
-    unseen = held_unseen(examined.solution)
-    carried = [effect.sentence for effect in examined.scale_effects if effect.carries]
+    unseen, guessed = held_unseen(examined.solution), _guessed_scales(examined)
+    carried = [e.sentence for e in examined.scale_effects if e.carries and e not in guessed]
     return [*carried, *([unseen] if unseen else [])]
+
+
+def _on_guessed_scale(examined: CalibrationExamination) -> list[str]:
+    """A scale that nobody measured, and that is worth more at the tip than the errors shown."""
+    return [effect.unseen_in(rms) for effect, rms in _guessed_scales(examined).items()]
+
+
+def _guessed_scales(examined: CalibrationExamination) -> dict[ScaleEffect, float]:
+    """Effects of such scales, each with the held-out error that does not show it, m."""
+    gain = examined.accuracy.gain
+    if gain is None or gain.unit != "m":
+        return {}
+    effects = (effect for effect in examined.scale_effects if effect.carries and effect.guessed)
+    return {effect: gain.after for effect in effects if effect.tip > gain.after}
 
 
 def _on_widening(solution: Solution) -> list[str]:

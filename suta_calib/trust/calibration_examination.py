@@ -39,6 +39,7 @@ from suta_calib.trust.rule import Rule
 from suta_calib.trust.scale_effects import ScaleEffect, scale_effects
 from suta_calib.trust.score_tests import Residuals, ScoreTest
 from suta_calib.trust.subsampled import thinned
+from suta_calib.trust.wrong_labels import WrongLabel, wrong_labels
 
 
 @dataclass(frozen=True, eq=False)
@@ -184,6 +185,11 @@ class CalibrationExamination(Examination):
     def other_reading(self) -> Rereading | None:
         """The data read differently, where that explains them far better."""
         return explaining_reading(self.solution, self.rule)
+
+    @cached_property
+    def wrong_labels(self) -> tuple[WrongLabel, ...]:
+        """Single rows that agree with another landmark than they say."""
+        return wrong_labels(self.solution, self.accuracy.calibration)
 
     @cached_property
     def strongest_cause(self) -> Finding | None:

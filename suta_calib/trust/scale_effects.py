@@ -48,6 +48,21 @@ class ScaleEffect:
     bends: bool = False
 
     @property
+    def guessed(self) -> bool:
+        """Whether it rests on a printed artefact that nobody measured."""
+        printed = self.what == "artefact" and self.scale.grade == "printed"
+        return printed and not self.scale.measured
+
+    def unseen_in(self, errors: float) -> str:
+        """What held-out errors of this size, m, do not show of it, and the remedy."""
+        return (
+            f"{self.sentence} The validation error ({text(errors, 'm', with_unit=True)}) does not "
+            f"show it, because it was measured with the same {self.what}. Measure the "
+            f"{self.what} along x and along y with a steel ruler, correct its file, and state "
+            "there how good the ruler was (scale_ppm: 1000 is 0.2 mm over 200 mm)."
+        )
+
+    @property
     def sentence(self) -> str:
         """That it carries the scale, how well it is known, and what that is at the tip."""
         if self.what == HELD:

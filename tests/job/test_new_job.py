@@ -172,9 +172,21 @@ def test_it_calibrates_a_hobby_arm_with_a_printed_sheet(seed: int, tmp_path: Pat
     assert worst < 3.0
 
 
+def test_a_sheet_that_nobody_measured_is_a_reason_for_care(tmp_path: Path) -> None:
+    # Its lengths are 1.2 % too long with the sheet: 1.4 mm at the tip, 0.65 mm in validation.
+    desk = DeskArm.made(tmp_path / "desk", 104)
+    assessment = CalibrationJob.load(desk.job).run().assessment
+    assert assessment.level == "care"
+    (note,) = [note for note in assessment.notes if "carries the scale" in note]
+    assert "does not show it, because it was measured with the same artefact" in note
+    assert "steel ruler" in note
+    measured = DeskArm.made(tmp_path / "measured", 104, 1e-3)
+    assert CalibrationJob.load(measured.job).run().assessment.level == "good"
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("ruler", "rms", "most", "within"), [(None, 0.63, 1.25, 37), (1e-3, 0.37, 0.67, 40)]
+    ("ruler", "rms", "most", "within"), [(None, 0.645, 1.41, 34), (1e-3, 0.37, 0.67, 40)]
 )
 def test_it_calibrates_hobby_arms_with_printed_sheets(
     ruler: float | None, rms: float, most: float, within: int, tmp_path: Path
@@ -182,7 +194,8 @@ def test_it_calibrates_hobby_arms_with_printed_sheets(
     """Forty arms; figures of docs/tutorials/hobby_arm.md.
 
     A sheet's scale that nobody measures is wrong by 0.3 to 1 %, and the lengths of the arm are
-    wrong by as much: what both share stays.
+    wrong by as much: what both share stays. With the priors that the arms are drawn from the arms
+    are no better, so no template is. Up to one common factor each is known to 0.7 mm.
     """
     seeds = (*range(1, 17), *range(101, 125))
     found = [calibrated(DeskArm.made(tmp_path / str(seed), seed, ruler)) for seed in seeds]

@@ -14,6 +14,7 @@ from suta_calib.measurements import (
     write_artefact,
     write_board,
 )
+from suta_calib.measurements.scale import stretch_prior
 
 TWO_MARKS = "landmarks:\n  A: {{position_mm: [0, 0, 0]{0}}}\n  B: {{position_mm: [100, 0, 0]}}\n"
 CHESSBOARD = "type: chessboard\ncorners: [7, 5]\nsquare_mm: 30\n"
@@ -77,3 +78,15 @@ def test_what_is_no_scale_is_refused_with_its_line(tmp_path: Path) -> None:
     path.write_text(CHESSBOARD + "scale_ppm: -1\n")
     with pytest.raises(BoardError, match=r":4: scale_ppm"):
         read_board(path)
+
+
+@pytest.mark.parametrize(
+    ("scale", "expected"),
+    [
+        (None, 5e-3 * 2**0.5),
+        (LengthScale.of_grade("printed"), 5e-3 * 2**0.5),
+        (LengthScale(1e-3, "printed"), 1e-3),
+    ],
+)
+def test_the_mean_stretch_varies_as_the_grade(scale: LengthScale | None, expected: float) -> None:
+    assert stretch_prior(scale) == pytest.approx(expected)

@@ -19,7 +19,7 @@ from suta_calib.arrays import FloatArray
 from suta_calib.geometry.numbers import rotation_from_rpy
 from suta_calib.job.new_job import new_job, write_job
 from suta_calib.measurements.artefact import Artefact, Landmark, write_artefact
-from suta_calib.measurements.scale import LengthScale
+from suta_calib.measurements.scale import LengthScale, stretch_prior
 from suta_calib.model.parameters import OFFSET, POSITION
 from suta_calib.simulation import InverseKinematics, Targets
 from suta_calib.units import from_deg, from_mm
@@ -89,7 +89,7 @@ def sheet(along_x: float = 1.0, along_y: float = 1.0, ruler: float | None = None
         for k in range(1, 6)
     ]
     scale = LengthScale.of_grade("printed") if ruler is None else LengthScale(ruler, "printed")
-    return Artefact("sheet", {mark.name: mark for mark in marks}, scale, scale.std)
+    return Artefact("sheet", {mark.name: mark for mark in marks}, scale, stretch_prior(scale))
 
 
 @dataclass(frozen=True)
