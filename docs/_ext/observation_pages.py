@@ -117,8 +117,11 @@ def csv_page() -> Iterator[str]:
         "## Samples of an arm\n\n"
         "One column per joint of the chain, named as in the URDF, in rad (m for prismatic "
         "joints), as the encoder reports it; a joint that mimics another has no column. Optional "
-        "columns: `JOINT.direction`, the side from which a joint came (1 or -1), and "
-        "`temperature` of the arm (°C). Each kind needs these columns in addition:\n\n"
+        "columns: `JOINT.direction`, the side from which a joint came (1 or -1); "
+        "`temperature` of the arm (°C); `payload_kg`, the mass that the tip carries, with "
+        "`payload_x, payload_y, payload_z` (m, or in mm with `_mm`), the place of its centre in "
+        "the frame of the tip (its origin without them). Each kind needs these columns in "
+        "addition:\n\n"
     )
     rows = (
         (f"[`{name}`](observations.md#{anchor(name)})", "; ".join(a for a, _ in column_rows(kind)))

@@ -30,7 +30,7 @@ class Writer(Described, ABC):
         file: name of the file where none is given.
         holds_covariance: whether it says how sure the values are.
         holds_everything: whether it holds what is no geometry too: gains, eccentricities,
-            compliances, backlash, couplings.
+            compliances, bending, backlash, couplings.
         notes: what whoever uses the file must know, one sentence each.
     """
 

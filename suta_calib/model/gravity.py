@@ -1,4 +1,4 @@
-"""The torque of gravity at every joint, on CasADi symbols, at the nominal geometry.
+"""The torque of gravity at every joint, on CasADi symbols, at the geometry of the URDF.
 
 With the mass m_k and centre c_k of every body beyond joint j, which stands at p_j,
 
@@ -9,8 +9,9 @@ Its component along the joint's axis is what gravity does to the joint: the nega
 and the link that leads to it. Beyond a joint is what hangs on its child link: towards the tip where
 the chain descends, towards the base where it climbs. What the tip carries, a mass at a point, hangs
 on every joint that descends. Gravity points along -z of the URDF's root link, as Pinocchio has it,
-so the root must stand as it does in the file. Offsets and other errors are left out: a per cent of
-a deflection is nothing.
+so the root must stand as it does in the file. Offsets and couplings count, because a zero may have
+been set by hand. Errors of lengths, and deflections, are left out: a per cent of a deflection is
+nothing.
 """
 
 from __future__ import annotations

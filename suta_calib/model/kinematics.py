@@ -20,7 +20,7 @@ bends: before its motion stands
 
     exp(compliance_x τ_x(q) e_x + compliance_y τ_y(q) e_y)
 
-with e_x and e_y the axes across its own (`Segment.across`). Lengths grow with
+with e_x and e_y the axes across its own (`Segment.across`), turned by its offset. Lengths grow with
 warmth t, how far the arm is above the temperature of its drawing: for xyz stands
 xyz (1 + (links.expansion + joint.expansion) t), all links alike or each by itself. A gear ratio, a
 counted turn or a scale that is not what it should be is a gain. An encoder disc that sits off its
@@ -264,13 +264,38 @@ class _Walk:
         names = segment.names(*BENDING)
         if segment.owner not in self.torques or not any(map(self.matters, names)):
             return
-        across, torques = ca.DM(_snapped(segment.across)), self.torques[segment.owner][1:]
-        bent = ca.vertcat(*map(self.value, names)) * torques
-        about = self._turned(segment, across @ bent) @ across
+        across, torques = self._across(segment), self.torques[segment.owner][1:]
+        turn = across @ (ca.vertcat(*map(self.value, names)) * torques)
+        slid, before = self._slid(segment), self.rotation
+        if slid is not None:
+            self.position += before @ slid
+        axes = self._turned(segment, turn)
         for k, name in enumerate(names):
             if self.matters(name):
                 pulls = self._pulls(torques[k], self.value(name))
-                self.note({name: torques[k], **pulls}, about[:, k], self.position)
+                self.note({name: torques[k], **pulls}, axes @ across[:, k], self.position)
+        (offset,), axis = segment.names(OFFSET), ca.DM(_snapped(segment.axis))
+        if slid is not None:
+            # It bends where its offset has put it.
+            self.position -= self.rotation @ slid
+            self.note({offset: None}, (before - self.rotation) @ axis)
+        elif self.matters(offset):
+            self.note({offset: None}, axes @ ca.cross(axis, turn), self.position)
+
+    def _across(self, segment: Segment) -> Symbol:
+        """(3, 2) the axes across a joint's own, turned by its offset as in a calibrated URDF."""
+        (offset,), across = segment.names(OFFSET), ca.DM(_snapped(segment.across))
+        if segment.motion != "revolute" or not self.matters(offset):
+            return across
+        axis = ca.DM(_snapped(segment.axis))
+        return _spun()(ca.SX.eye(3), axis, self.value(offset))[0] @ across
+
+    def _slid(self, segment: Segment) -> Symbol | None:
+        """(3,) how far its offset moves the origin of a joint that slides, in the joint's frame."""
+        (offset,) = segment.names(OFFSET)
+        if segment.motion != "prismatic" or not self.matters(offset):
+            return None
+        return ca.DM(_snapped(segment.axis)) * self.value(offset)
 
     def _pulls(self, torque: Symbol, compliance: Symbol) -> dict[str, Symbol | None]:
         """What parameters that a torque depends on make a joint yield more, by their names."""
@@ -302,7 +327,7 @@ class _Walk:
         self.note(effects, turned, point if turns else None)
         (compliance,) = segment.names(COMPLIANCE)
         if segment.owner in self.torques and self.matters(compliance):
-            # What a coupling turns, gravity pulls at elsewhere; at a greater mass it pulls more.
+            # What an offset or a coupling turns, gravity pulls at elsewhere; at more mass, more.
             pulls = self._pulls(self.torques[segment.owner][0], self.value(compliance))
             self.note(pulls, turned, point)
         if turns:
@@ -312,7 +337,9 @@ class _Walk:
         ends = before, (self.rotation, self.position)
         # The parent link's side of the motion, and the child link's.
         (fixed, root), behind = reversed(ends) if segment.climbed else ends
-        axes = ca.horzcat(along, fixed @ ca.DM(_snapped(segment.across)))
+        if (slid := self._slid(segment)) is not None:
+            root = root + fixed @ slid
+        axes = ca.horzcat(along, fixed @ self._across(segment))
         self.frames.append(MovingFrame(segment.owner, axes, root, *behind, segment.climbed))
 
     def _beside_the_reading(
@@ -410,11 +437,13 @@ def forward_kinematics(
             for s in segments
             for name, x in zip(s.names(*POSITION), s.position, strict=True)
         }
-        # But a coupling turns the links by as much as a reading does, and masses pull.
+        # But a zero that was set by hand, or a coupling, turns the links as a reading does; and
+        # masses pull.
         masses = {f"{load.joint}.{MASS}": load.mass for load in carried}
-        drawn |= {n: nominal.get(n, 0.0) for s in moving for n in s.couplings}
+        turning = [n for s in moving for n in (*s.names(OFFSET), *s.couplings)]
+        drawn |= {n: nominal.get(n, 0.0) for n in turning}
         drawn |= {n: nominal.get(n, mass) for n, mass in masses.items()}
-        pulling = {*masses, *(n for s in moving for n in s.couplings)}
+        pulling = {*masses, *turning}
         walk.pulling = [n for n in names if n in pulling]
         those = ca.vertcat(*map(walk.value, walk.pulling))
         still = _Walk(walk.pulling, those, drawn).along(segments, q)

@@ -165,14 +165,15 @@ class Parameter:
     ) -> Parameter:
         """The same parameter with ``nominal ± bound`` and a prior standard deviation."""
         half = math.inf if bound is None else bound
-        # No mass is below zero.
-        least = 0.0 if self.unit == "kg" else -math.inf
+        # No mass is below zero, and how far off it may be is a share of it.
+        weighs = self.unit == "kg"
+        least = 0.0 if weighs else -math.inf
         return replace(
             self,
             lower=max(self.nominal - half, least),
             upper=self.nominal + half,
             prior=prior,
-            plausible=math.nan,
+            plausible=self.plausible if weighs and bound is None else math.nan,
             free=True,
             prior_fixed=prior_fixed,
         )
