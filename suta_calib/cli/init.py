@@ -2,26 +2,35 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import click
 
 from suta_calib.atomic import check_folder
 from suta_calib.cli._options import PATH, option, urdf_argument
+from suta_calib.errors import InputError
 from suta_calib.exchange.imported import ImportedFile
 from suta_calib.exchange.reader import read_foreign
 from suta_calib.exchange.recognition import recognised_format
-from suta_calib.inputs import UrdfFile
+from suta_calib.inputs import UrdfFile, XacroFile
 from suta_calib.job.arm_grade import ARM_GRADES, guessed_grade
 from suta_calib.job.new_job import Template, new_job, write_job
 from suta_calib.model.arm import ArmModel
-from suta_calib.model.chain import ends
+from suta_calib.model.chain import ends, other_arms
+from suta_calib.model.robot import AnyArm, Robot
 from suta_calib.model.urdf_tree import read_tree
 
 
 @click.command()
 @urdf_argument("URDF")
-@option("--tip", "Link or frame of the tip; without it, the possible ones are listed.")
+@option(
+    "--tip",
+    "Link or frame of the tip; without it, the possible ones are listed. For several chains of one "
+    "robot, repeat it with a name for each: --tip left=LINK --tip right=LINK.",
+    name="tips",
+    multiple=True,
+)
 @option("--base", "First link of the chain; default: the root link.")
 @option("--out", "Folder of the job; default: the current folder.", PATH, ".", show_default=False)
 @option(
@@ -40,7 +49,7 @@ from suta_calib.model.urdf_tree import read_tree
 )
 def init(
     urdf: UrdfFile,
-    tip: str | None,
+    tips: tuple[str, ...],
     base: str | None,
     out: Path,
     kinds: tuple[str, ...],
@@ -48,17 +57,30 @@ def init(
 ) -> None:
     """Start a job for the arm in URDF: commented files to fill in. Overwrites nothing.
 
+    With several --tip NAME=LINK, the job has a chain for each of them.
+
     In the URDF's place it takes a .xacro file, with --xacro-arg where that needs arguments; or a
     model of MuJoCo (MJCF), which becomes a URDF beside the job.
     """
     made = _converted(Path(urdf))
     source = urdf if made is None else made.text()
-    if tip is None:
-        tree = read_tree(source)
-        raise click.UsageError(f"found no --tip; expected a link or joint of {urdf}; {ends(tree)}")
-    arm = ArmModel.from_urdf(source, tip, base)
-    for note in (*(made.notes if made else ()), *(f"{note}." for note in arm.chain.notes)):
+    tree = read_tree(source)
+    if not tips:
+        several = "" if len(tree.leaves) < 2 else "; several in one job: --tip NAME=LINK for each"
+        expected = f"expected a link or joint of {urdf}; {ends(tree)}{several}"
+        raise click.UsageError(f"found no --tip; {expected}")
+    arm = _arm(source, tips, base)
+    notes = [note for chain in arm.chained for note in chain.notes]
+    for note in (*(made.notes if made else ()), *(f"{n}." for n in dict.fromkeys(notes))):
         click.echo(f"{urdf}: {note}", err=True)
+    if isinstance(arm, ArmModel) and (others := other_arms(tree, arm.chain.tip_link)):
+        again = " ".join(f"--tip {link}={link}" for link in (arm.chain.tip, *others))
+        click.echo(
+            f"{urdf}: the robot has other arms, which end at {', '.join(others)}. This job is for "
+            f"{arm.chain.tip} alone. For one job with all of them, in which shared joints are one "
+            f"unknown: {again}",
+            err=True,
+        )
     named = urdf if made is None else out / Path(urdf).with_suffix(made.kind).name
     files = new_job(arm, out, kinds=kinds, grade=grade, urdf=named)
     if made is not None:
@@ -67,15 +89,27 @@ def init(
     write_job(files)
     if grade is None:
         guess, reason = guessed_grade(arm)
-        others = "|".join(name for name in ARM_GRADES if name != guess.name)
+        grades = "|".join(name for name in ARM_GRADES if name != guess.name)
         click.echo(
             f"The grade of the arm was guessed as {guess.name} ({guess.about}): {reason}. "
-            f"If that is wrong, give --grade {others}.",
+            f"If that is wrong, give --grade {grades}.",
             err=True,
         )
     for file in files:
         click.echo(file.path)
     click.echo(f"Next: fill in the samples, then suta-calib observe {files[0].path}")
+
+
+def _arm(urdf: Path | XacroFile | str, tips: Sequence[str], base: str | None) -> AnyArm:
+    """The arm with this tip, or the robot with a chain to each: ``NAME=LINK``."""
+    if len(tips) == 1 and "=" not in tips[0]:
+        return ArmModel.from_urdf(urdf, tips[0], base)
+    named = [(name, link or name) for name, _, link in (tip.partition("=") for tip in tips)]
+    for what, given in zip(("name", "tip"), zip(*named, strict=True), strict=True):
+        for one in dict.fromkeys(given):
+            if given.count(one) > 1:
+                raise InputError(f"the {what} '{one}' twice", f"each {what} once", where="--tip")
+    return Robot.from_urdf(urdf, {name: (link, base) for name, link in named})
 
 
 def _converted(path: Path) -> ImportedFile | None:

@@ -10,6 +10,7 @@ import numpy as np
 
 from suta_calib.errors import JobError, did_you_mean
 from suta_calib.model.arm import ArmModel
+from suta_calib.model.robot import AnyArm
 from suta_calib.model.urdf_tree import children, finite_numbers, read_tree
 from suta_calib.terms import KINDS, Term, first_kind
 from suta_calib.words import listed
@@ -76,20 +77,20 @@ def arm_grade(name: str) -> ArmGrade:
     return ARM_GRADES[name]
 
 
-def guessed_grade(arm: ArmModel) -> tuple[ArmGrade, str]:
+def guessed_grade(arm: AnyArm) -> tuple[ArmGrade, str]:
     """How an arm was probably made, and why.
 
     The robot's name decides where it is that of a printed arm or of a kit. Otherwise reach, masses,
-    efforts and number of joints have one vote each. A draw goes to the wider priors, which cost
-    nothing where the data determine the arm.
+    efforts and number of joints have one vote each, those of a robot's first chain. A draw goes to
+    the wider priors, which cost nothing where the data determine the arm.
     """
-    names = f"{arm.chain.robot} {arm.chain.path.name}".lower()
+    names = f"{arm.robot} {arm.urdf[0].name}".lower()
     for name, words in _NAMES.items():
         for word in words:
             if word in names:
                 return ARM_GRADES[name], f"the name of the robot or of its file has {word!r} in it"
     votes: dict[str, list[str]] = {"hobby": [], "industrial": []}
-    for name, reason in _votes(arm):
+    for name, reason in _votes(arm.arms[0]):
         votes[name].append(reason)
     hobby, industrial = votes.values()
     if len(industrial) > len(hobby):
@@ -121,5 +122,5 @@ def _votes(arm: ArmModel) -> Iterator[tuple[str, str]]:
             yield "hobby", reason
         elif value >= large:
             yield "industrial", reason
-    if len(arm.joints) <= 5:
-        yield "hobby", f"{len(arm.joints)} joints"
+    if len(arm.own_joints) <= 5:
+        yield "hobby", f"{len(arm.own_joints)} joints"

@@ -6,8 +6,8 @@ import csv
 import io
 import os
 import textwrap
-from collections.abc import Iterator, Sequence
-from pathlib import Path
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path, PurePosixPath
 from typing import Final, NamedTuple
 
 from suta_calib.errors import JobError, OutputError
@@ -17,7 +17,9 @@ from suta_calib.measurements import write_text
 from suta_calib.measurements.csv_table import rotation_columns
 from suta_calib.measurements.sample_files import check_joint_names
 from suta_calib.model.arm import ArmModel
+from suta_calib.model.robot import AnyArm, Robot
 from suta_calib.model.urdf_tree import read_tree
+from suta_calib.simulation.schema import PORTABLE_NAME
 from suta_calib.terms import KINDS
 
 _LANDMARKS: Final = """\
@@ -64,7 +66,7 @@ class Template(NamedTuple):
 
 
 def new_job(
-    arm: ArmModel,
+    arm: AnyArm,
     folder: Path,
     *,
     kinds: Sequence[str] = (),
@@ -74,7 +76,7 @@ def new_job(
     """Files of a job for an arm, of kinds of observation, each once; nothing is written yet.
 
     Args:
-        arm: at nominal.
+        arm: at nominal; of a robot, every chain has samples of each kind.
         folder: where the job will be.
         kinds: of observation, each once; those that suit the grade by default.
         grade: how the arm was made, of `ARM_GRADES`; guessed by default.
@@ -84,9 +86,15 @@ def new_job(
         ``calibration.yaml``, ``artefact.yaml`` and what else a kind needs, and empty samples files.
 
     Raises:
-        JobError: a kind or a grade is not known, or a kind is given twice.
+        JobError: a kind or a grade is not known, a kind is given twice, or the name of a chain
+            cannot be that of a folder.
         SamplesError: a joint is called as a column of one of the kinds.
     """
+    chains = dict(arm.chains) if isinstance(arm, Robot) else {"": arm}
+    for name in chains:
+        if name and not PORTABLE_NAME.fullmatch(name):
+            expected = "letters, digits, '_', '-' and '.', because it names a folder of samples"
+            raise JobError(f"the chain '{name}'", expected, where="--tip")
     made, reason = guessed_grade(arm) if grade is None else (arm_grade(grade), "")
     kinds = kinds or made.kinds
     for kind in kinds:
@@ -96,28 +104,32 @@ def new_job(
             raise JobError(f"kind '{kind}' twice", "each kind once", where="--kind")
     # Of the samples to fit and of those held out: only the first kind is validated.
     first, *further = kinds
-    folders: dict[str, tuple[str, str | None]] = {first: ("calibration", "validation")}
-    folders |= {kind: (kind, None) for kind in further}
+    folders = {(first, name): ("calibration", "validation") for name in chains}
+    folders |= {(kind, name): (kind, "") for kind in further for name in chains}
+    folders = {
+        of: (str(PurePosixPath(fitted, of[1])), held_out and str(PurePosixPath(held_out, of[1])))
+        for of, (fitted, held_out) in folders.items()
+    }
     files = [
         Template(
             folder / "calibration.yaml",
-            _job(arm, made, reason, _named(urdf or arm.chain.path, folder), folders),
+            _job(arm, made, reason, _named(urdf or arm.urdf[0], folder), folders),
         )
     ]
     if any(KINDS[kind].needs_artefact for kind in kinds):
         files.append(Template(folder / "artefact.yaml", _SHEET if made.sheet else _ARTEFACT))
     begun = {name: text for kind in kinds for name, text in KINDS[kind].files.items()}
     files += [Template(folder / name, text) for name, text in begun.items()]
-    for kind, ends in folders.items():
-        columns, header = KINDS[kind].columns, io.StringIO()
-        check_joint_names(arm.joints, columns)
+    for (kind, name), ends in folders.items():
+        columns, header, joints = KINDS[kind].columns, io.StringIO(), chains[name].joints
+        check_joint_names(joints, columns)
         oriented = rotation_columns() if columns.orientation == "required" else ()
         measured = (*"xyz", *oriented) if columns.position else ()
         names = (
             *columns.labels,
             *measured,
             *(number.name for number in columns.numbers),
-            *arm.joints,
+            *joints,
         )
         csv.writer(header, lineterminator="\n").writerow(names)
         files += [Template(folder / e / "samples.csv", header.getvalue()) for e in ends if e]
@@ -151,26 +163,39 @@ def write_job(files: Sequence[Template]) -> None:
 
 
 def _job(
-    arm: ArmModel,
+    arm: AnyArm,
     grade: ArmGrade,
     reason: str,
     urdf: str,
-    folders: dict[str, tuple[str, str | None]],
+    folders: Mapping[tuple[str, str], tuple[str, str]],
 ) -> str:
-    root = read_tree(*arm.urdf).root
-    start = "" if arm.chain.base == root else f", base: {_quoted(arm.chain.base)}"
     guessed = f", as guessed: {reason}" if reason else ""
+    if isinstance(arm, Robot):
+        chains = (f"{name}: {{{_ends(chain)}}}" for name, chain in arm.chains.items())
+        ends = f"grade: {grade.made}, chains: {{{', '.join(chains)}}}"
+        about = _CHAINS
+        joints = [f"{name}: {', '.join(chain.joints)}" for name, chain in arm.chains.items()]
+    else:
+        ends, about, joints = f"{_ends(arm)}, grade: {grade.made}", _CHAIN, [", ".join(arm.joints)]
     return _JOB.format(
         urdf=urdf,
-        tip=_quoted(arm.tip),
-        base=start,
-        made=grade.made,
-        joints=_wrapped(", ".join(arm.joints), "#   "),
+        ends=ends,
+        arm=about,
+        joints="\n".join(_wrapped(line, "#   ") for line in joints),
         grade=_wrapped(f"Its grade is {grade.name} ({grade.about}){guessed}.", "# "),
         parameters="\n".join(_parameters(arm, grade)),
-        rows="\n".join(_row(kind, fitted, grade) for kind, (fitted, _) in folders.items()),
-        held_out="\n".join(_row(k, v) for k, (_, v) in folders.items() if v),
+        rows="\n".join(_explained(folders)),
+        held_out="\n".join(
+            _row(*of, held_out) for of, (_, held_out) in folders.items() if held_out
+        ),
     )
+
+
+def _ends(arm: ArmModel) -> str:
+    """Tip of a chain, and its base where that is not the root."""
+    root = read_tree(*arm.urdf).root
+    start = "" if arm.chain.base == root else f", base: {_quoted(arm.chain.base)}"
+    return f"tip: {_quoted(arm.tip)}{start}"
 
 
 def _named(urdf: UrdfFile, folder: Path) -> str:
@@ -182,7 +207,7 @@ def _named(urdf: UrdfFile, folder: Path) -> str:
     return f"{{file: {file}, args: {{{', '.join(given)}}}}}"
 
 
-def _parameters(arm: ArmModel, grade: ArmGrade) -> Iterator[str]:
+def _parameters(arm: AnyArm, grade: ArmGrade) -> Iterator[str]:
     """The rows of the job's ``parameters``: offsets, placements, and what would say both twice."""
     units = {arm.parameters[name].unit for name in arm.offsets}
     yield "  - select:"
@@ -201,21 +226,35 @@ def _parameters(arm: ArmModel, grade: ArmGrade) -> Iterator[str]:
         yield "    fixed: true"
 
 
-def _row(kind: str, folder: str, grade: ArmGrade | None = None) -> str:
-    """A row of samples: fitted ones, of an arm of a grade, are explained."""
+def _explained(folders: Mapping[tuple[str, str], tuple[str, str]]) -> Iterator[str]:
+    """The rows of fitted samples, with what each kind is said once."""
+    told = set[str]()
+    for (kind, chain), (folder, _) in folders.items():
+        term = KINDS[kind]
+        huber = {f"huber_{term.unit}": "1.35"} if term.unit else {}
+        keys = _keys(kind, chain, folder) | huber
+        if kind not in told:
+            yield _wrapped(f"{kind}: {term.about}", "  # ")
+        told.add(kind)
+        first, *others = (f"{key}: {value}" for key, value in keys.items())
+        yield "\n    ".join([f"  - {first}", *others])
+        if finds_places(term):
+            yield _POSE
+
+
+def _row(kind: str, chain: str, folder: str) -> str:
+    """A row of samples in one line."""
+    row = _keys(kind, chain, folder)
+    return f"  - {{{', '.join(f'{key}: {value}' for key, value in row.items())}}}"
+
+
+def _keys(kind: str, chain: str, folder: str) -> dict[str, str]:
+    """What a row says of its samples."""
     term = KINDS[kind]
     artefact = {"artefact": "artefact.yaml"} if term.needs_artefact else {}
     named = {Path(name).stem: name for name in term.files}
-    row = {"kind": kind, **artefact, **named, "samples": f"'{folder}/*.csv'"}
-    if grade is None:
-        return f"  - {{{', '.join(f'{key}: {value}' for key, value in row.items())}}}"
-    row[f"huber_{term.unit}".rstrip("_")] = "1.35"
-    lines = [f"{key}: {value}" for key, value in row.items()]
-    text = [_wrapped(f"{kind}: {term.about}", "  # "), f"  - {lines[0]}"]
-    text += [f"    {line}" for line in lines[1:]]
-    if finds_places(term):
-        text.append(_POSE)
-    return "\n".join(text)
+    of = {"chain": chain} if chain else {}
+    return {"kind": kind, **of, **artefact, **named, "samples": f"'{folder}/*.csv'"}
 
 
 def _wrapped(text: str, start: str) -> str:
@@ -234,19 +273,25 @@ _POSE: Final = """\
     # cannot be estimated. Uncomment it, with your labels, numbers and standard deviations.
     # pose:
     #   P1: {position_mm: [170, 0, 0], rotation_rpy_deg: [0, 0, 0], prior_mm: 2, prior_deg: 1}"""
+_CHAIN: Final = """\
+# The arm: a URDF, and the link or frame whose pose matters. Every samples file needs one column
+# per joint, in rad (m for prismatic joints), as the encoders report it:"""
+_CHAINS: Final = """\
+# The robot: a URDF, and its chains with the link or frame whose pose matters. Joints that chains
+# share are one unknown. Every samples file needs one column per joint of its chain, in rad (m for
+# prismatic joints), as the encoders report it:"""
 _JOB: Final = """\
 # One calibration job. Fill in the samples (and the artefact), then run
 #   suta-calib observe calibration.yaml     what these data can and cannot determine
 #   suta-calib calibrate calibration.yaml   calibrated.urdf, result.json, report.html
 # Paths are relative to this file.
 
-# The arm: a URDF, and the link or frame whose pose matters. Every samples file needs one column
-# per joint, in rad (m for prismatic joints), as the encoders report it:
+{arm}
 {joints}
 {grade}
 # suta-calib init --grade writes such a job for another grade. The key grade is that of the parts:
 # it sets the tolerance of all dimensions that are not estimated (certified, machined, printed).
-arm: {{urdf: {urdf}, tip: {tip}{base}, grade: {made}}}
+arm: {{urdf: {urdf}, {ends}}}
 
 # What is estimated: names or globs; later rows win. The word geometric means every placement
 # (x, y, z in m, rx, ry, rz in rad) of every moving joint and of the tip. prior_mm, prior_deg:

@@ -246,6 +246,27 @@ def ends(tree: UrdfTree) -> str:
     return f"the chains of the file end at {listed([quoted(link) for link in links], 12)}"
 
 
+def other_arms(tree: UrdfTree, tip: str) -> list[str]:
+    """Links at the ends of what may be further arms: a robot has several, and a chain only one.
+
+    Args:
+        tree: of the robot.
+        tip: the link at the end of the chain; what it carries, such as fingers, is no other arm.
+    """
+    # A gripper beside the tip has fewer joints.
+    joints_of_an_arm = 3
+    paths = sorted((tree.path_to_root(link)[::-1] for link in tree.leaves), key=len, reverse=True)
+    seen = {joint.name for joint in tree.path_to_root(tip)}
+    found = []
+    for path in paths:
+        own = [joint for joint in path if joint.moves and joint.name not in seen]
+        carried = any(joint.parent == tip for joint in path)
+        if len(own) >= joints_of_an_arm and not carried:
+            found.append(path[-1].child)
+            seen |= {joint.name for joint in path}
+    return found
+
+
 def _joints_between(tree: UrdfTree, base: str, tip: str) -> tuple[list[TreeJoint], list[TreeJoint]]:
     """The joints from the base up to the link above both, and from there down to the tip."""
     if base == tip:

@@ -48,7 +48,7 @@ from suta_calib.units import REFERENCE_TEMPERATURE, Unit, key, stored
 T = TypeVar("T")
 
 # A name becomes a file's or a folder's, on any system.
-_PORTABLE_NAME: Final = re.compile(r"\w[\w.-]*")
+PORTABLE_NAME: Final = re.compile(r"\w[\w.-]*")
 
 
 @dataclass(frozen=True, eq=False)
@@ -187,7 +187,7 @@ def named(parent: YamlSection, under: str, read: Callable[[str, YamlSection], T]
     """What ``read`` makes of every mapping under a key, by names that files can have."""
     listed = parent.section(under)
     for name in listed.data:
-        if not _PORTABLE_NAME.fullmatch(name):
+        if not PORTABLE_NAME.fullmatch(name):
             raise listed.refuse(repr(name), "letters, digits, '_', '-' and '.'", at=(name,))
     return {name: read(name, listed.section(name)) for name in listed.data}
 

@@ -13,14 +13,18 @@ from cli_job import cli
 from hobby_arms import TIP, DeskArm, urdf_of
 from simulated import arm_named
 
-from suta_calib import ArmModel, CalibrationJob, solve
+from suta_calib import ArmModel, CalibrationJob, Robot, solve
 from suta_calib.errors import JobError
 from suta_calib.job.arm_grade import ARM_GRADES, ArmGrade, guessed_grade
 from suta_calib.job.new_job import new_job, write_job
 from suta_calib.job.schema import read_job
 from suta_calib.measurements import read_artefact
+from suta_calib.model.chain import other_arms
 from suta_calib.model.parameters import OFFSET, POSITION
+from suta_calib.model.urdf_tree import read_tree
+from suta_calib.terms import KINDS
 from suta_calib.units import deg, from_deg, from_mm, mm
+from tests.support.torso_robot import torso_robot_urdf
 
 FIRST, LAST = "world", "hand"
 
@@ -267,3 +271,79 @@ def test_the_rough_place_of_a_sheet_can_be_uncommented(tmp_path: Path) -> None:
     assert given.rotation_std == pytest.approx(np.radians(1))
     prior = {p.name: p.prior for p in term.unknowns}
     assert [prior[f"placement[table].{key}"] for key in POSITION] == pytest.approx([2e-3] * 3)
+
+
+@pytest.fixture
+def torso(tmp_path: Path) -> Path:
+    """A URDF with two arms."""
+    path = tmp_path / "robot.urdf"
+    path.write_text(torso_robot_urdf())
+    return path
+
+
+def test_two_tips_make_a_job_of_two_chains(
+    torso: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out, tips = tmp_path / "job", ("--tip", "left=left_hand", "--tip", "right_hand")
+    assert cli("init", torso, *tips, "--kind", "tracked_point", "--out", out) == 0
+    assert "other arms" not in capsys.readouterr().err
+    job = read_job(out / "calibration.yaml")
+    assert {name: chain.tip for name, chain in job.arm.chains.items()} == {
+        "left": "left_hand",
+        "right_hand": "right_hand",
+    }
+    robot = job.arm.mechanism()
+    assert set(robot.offsets) <= set(robot.select(*job.parameters))
+    rows = (*job.observations, *job.validation)
+    assert [row.chain for row in rows] == ["left", "right_hand"] * 2
+    # A samples file has the columns of its own chain.
+    header = (out / "validation/right_hand/samples.csv").read_text()
+    assert "torso_1,torso_2,right_1" in header
+    assert "left_1" not in header
+
+
+def test_every_kind_of_two_chains_can_be_read(torso: Path, tmp_path: Path) -> None:
+    robot = Robot.from_urdf(torso, {"left": ("left_hand", None), "right": ("right_hand", None)})
+    for kind in KINDS:
+        write_job(new_job(robot, tmp_path / kind, kinds=[kind], grade="industrial"))
+        job = read_job(tmp_path / kind / "calibration.yaml")
+        assert [row.chain for row in job.observations] == ["left", "right"]
+
+
+def test_who_names_one_of_two_arms_is_told_of_the_other(
+    torso: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert cli("init", torso, "--out", tmp_path / "job") == 2
+    assert "--tip NAME=LINK for each" in capsys.readouterr().err
+    assert cli("init", torso, "--tip", "left_hand", "--out", tmp_path / "job") == 0
+    said = capsys.readouterr().err
+    assert "has other arms, which end at right_hand" in said
+    assert "--tip left_hand=left_hand --tip right_hand=right_hand" in said
+
+
+@pytest.mark.parametrize(
+    ("tips", "message"),
+    [
+        (("left_hand", "left_hand"), "the name 'left_hand' twice; expected each name once"),
+        (("a=left_hand", "b=left_hand"), "the tip 'left_hand' twice"),
+        (("a/b=left_hand", "right_hand"), "the chain 'a/b'; expected letters, digits"),
+        (("a=left_hand", "b=right_han"), "found 'right_han'"),
+    ],
+)
+def test_tips_of_a_new_job_that_cannot_be_used(
+    tips: tuple[str, ...],
+    message: str,
+    torso: Path,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    given = [part for tip in tips for part in ("--tip", tip)]
+    assert cli("init", torso, *given, "--out", tmp_path / "job") == 2
+    assert message in capsys.readouterr().err
+    assert not (tmp_path / "job").exists()
+
+
+def test_what_a_tip_carries_is_no_other_arm() -> None:
+    tree = read_tree(torso_robot_urdf())
+    assert other_arms(tree, "left_hand") == ["right_hand"]
+    assert other_arms(tree, "torso_b") == []
