@@ -11,7 +11,7 @@ from typing import Final
 from suta_calib.errors import ForeignFileError, did_you_mean
 from suta_calib.exchange.option import Given, Option
 from suta_calib.exchange.sheet import Sheet
-from suta_calib.exchange.table_roles import UNIT, plain_name
+from suta_calib.exchange.table_roles import plain_name
 from suta_calib.words import listed
 
 COLUMNS: Final = Option(
@@ -27,7 +27,11 @@ _TIME: Final = re.compile(r"(?:time|timestamp|t)\s*[\[(](s|ms|us|µs|ns)[\])]", 
 _WITH_FRAMES: Final = re.compile(r"(p_([A-Z]+)_[A-Z]+|q_([A-Z]+))_([wxyz])(\s*[\[(].*)?")
 # TUM's trajectories: seconds, metres, scalar last.
 TUM: Final = ("timestamp", "tx", "ty", "tz", "qx", "qy", "qz", "qw")
-_ANGLES: Final = ("roll", "pitch", "yaw")
+# Numbers of a pose that figaroh and others write with the marker's number behind.
+_NUMBERED: Final = (
+    *("x", "y", "z", "phix", "phiy", "phiz", "roll", "pitch", "yaw", "rx", "ry", "rz"),
+    *("qx", "qy", "qz", "qw"),
+)
 
 
 def is_joint(name: str) -> bool:
@@ -59,31 +63,22 @@ def usual_names(names: Sequence[str]) -> list[str]:
     return plain if len(set(plain)) == len(plain) else list(names)
 
 
-def refuse_numbered(sheet: Sheet, names: Sequence[str]) -> None:
-    """Refuse positions with a number behind their names: whose they are only the user knows."""
-    for number in dict.fromkeys(n[1:] for n in names if n[:1] == "x" and n[1:].isdigit()):
-        position = [f"{axis}{number}" for axis in "xyz"]
-        if not {*position} <= {*names}:
-            continue
-        turn = [n for n in names if n.endswith(number) and not is_joint(n) and n[1:] != number]
-        renamed = [f"{column}={axis}" for column, axis in zip(position, "xyz", strict=True)]
-        angles = ""
-        if len(turn) == len(_ANGLES):
-            renamed += [f"{a}={b}" for a, b in zip(turn, _ANGLES, strict=True)]
-            angles = f" {UNIT.switch} rad --rotation xyz"
-        raise ForeignFileError(
-            f"columns {', '.join([*position, *turn])}, which are not names of a pose",
-            "x, y, z, and roll, pitch, yaw or a quaternion qx, qy, qz, qw",
-            file=sheet.path,
-            line=max(1, sheet.lines[0] - 1),
-            hint=f"give {COLUMNS.switch} {','.join(renamed)}{angles}, or other names",
-        )
+def of_markers(names: Sequence[str]) -> list[str]:
+    """Names with the marker's number in front, as of any body: ``x2`` is the x of ``2_``."""
+    markers = [name[1:] for name in names if name[:1] == "x" and name[1:].isdigit()]
+    whole = [n for n in markers if {f"{axis}{n}" for axis in "xyz"} <= {*names}]
+    spelt = {f"{number}{n}": f"{n}_{number}" for number in _NUMBERED for n in whole}
+    return [spelt.get(name, name) for name in names]
 
 
 def renamed(sheet: Sheet, given: Given) -> list[str]:
     """Names of the columns as ``--columns`` has them."""
-    names = usual_names(sheet.names)
-    for source, target in given.pairs(COLUMNS).items():
+    names, asked = usual_names(sheet.names), given.pairs(COLUMNS)
+    marked = of_markers(names)
+    # Where somebody says what such a column is, the others are columns like any.
+    if not any(old != new and old in asked for old, new in zip(names, marked, strict=True)):
+        names = marked
+    for source, target in asked.items():
         if source in sheet.names:
             k = sheet.names.index(source)
         elif source in map(str, range(1, len(names) + 1)):

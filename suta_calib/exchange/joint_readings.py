@@ -15,7 +15,10 @@ from suta_calib.units import from_deg
 
 COUNTS: Final = Option("counts_per_turn", "Ticks of an encoder per turn.", "N")
 ZERO: Final = Option(
-    "zero", "Reading of a joint at its zero position.", "joint_1=2048,…", several=True
+    "zero",
+    "Reading of a joint at its zero position; a number alone is that of all other joints.",
+    "joint_1=2048,…|2048",
+    several=True,
 )
 SIGN: Final = Option("sign", "-1 for a joint that counts backwards.", "joint_1=-1,…", several=True)
 RATIO: Final = Option(
@@ -31,9 +34,9 @@ class Readings:
     Attributes:
         unit: ``rad``, ``deg`` or ``ticks`` of the numbers.
         counts: ticks of one turn; of no meaning for the other units.
-        zero: by joint, in the numbers' unit; 0 where not given.
-        sign: by joint, 1 or -1; 1 where not given.
-        ratio: by joint, turns of the encoder per turn of the joint; 1 where not given.
+        zero: by joint, in the numbers' unit; 0 where not given. That of "" is of all others.
+        sign: likewise, 1 or -1; 1 where not given.
+        ratio: likewise, turns of the encoder per turn of the joint; 1 where not given.
     """
 
     unit: str
@@ -62,7 +65,7 @@ class Readings:
     @property
     def names(self) -> set[str]:
         """Joints of which something was said."""
-        return {*self.zero, *self.sign, *self.ratio}
+        return {*self.zero, *self.sign, *self.ratio} - {""}
 
     def angles(self, joint: str, numbers: FloatArray) -> FloatArray:
         """Angles (n,), rad, of a joint's numbers (n,)."""
@@ -70,6 +73,8 @@ class Readings:
             scale = math.tau / self.counts
         else:
             scale = from_deg(1.0) if self.unit == "deg" else 1.0
-        zero = self.zero.get(joint, 0.0)
-        factor = self.sign.get(joint, 1.0) * scale / self.ratio.get(joint, 1.0)
-        return np.asarray((numbers - zero) * factor)
+        zero, sign, ratio = (
+            of.get(joint, of.get("", default))
+            for of, default in ((self.zero, 0.0), (self.sign, 1.0), (self.ratio, 1.0))
+        )
+        return np.asarray((numbers - zero) * sign * scale / ratio)

@@ -21,6 +21,7 @@ from suta_calib.exchange.table_roles import (
     FIRST,
     GUESS,
     LENGTHS,
+    OF_MATRIX,
     OF_THREE,
     ROTATION,
     UNIT,
@@ -35,10 +36,14 @@ def nameless_pose(sheet: Sheet, given: Given) -> tuple[PoseColumns | None, Sheet
 
     Three numbers are a position; six are one with angles; seven are one with a quaternion; twelve
     and sixteen are the rows of a transform, one below the other or side by side; four are rows of
-    4x4 matrices stacked in a column. Numbers in front, such as a row's own, are not looked for.
-    The sheet returned is the one that the pose is of: stacked matrices have a row for each.
+    4x4 matrices stacked in a column. Behind a 4x4 matrix or in front of it joints may stand; of
+    other poses, numbers in front are not looked for. The sheet returned is the one that the pose is
+    of: stacked matrices have a row for each.
     """
     count = len(sheet.names)
+    # A single number in front is the row's own.
+    if count > OF_MATRIX[-1] + 1:
+        return _beside_joints(sheet, given)
     if count not in (3, 4, 6, 7, 12, 16):
         return None, sheet
     numbers = sheet.numbers(range(count))
@@ -50,6 +55,50 @@ def nameless_pose(sheet: Sheet, given: Given) -> tuple[PoseColumns | None, Sheet
     if count in (6, 7):
         return _position_and_rotation(sheet, finite, count - 3, given), sheet
     return _matrix(sheet, finite, given), sheet
+
+
+def _beside_joints(sheet: Sheet, given: Given) -> tuple[PoseColumns | None, Sheet]:
+    """A 4x4 matrix of which nobody can doubt that it is one, and readings of joints."""
+    size = OF_MATRIX[-1]
+    joints = len(sheet.names) - size
+    if any(values is None for values in sheet.values):
+        return None, sheet
+    for first, others in ((joints, range(joints)), (0, range(size, size + joints))):
+        within = range(first, first + size)
+        numbers = sheet.numbers(within)
+        numbers = numbers[np.isfinite(numbers).all(axis=1)]
+        if not (len(numbers) and np.allclose(numbers[:, -1], 1.0) and _is_transform(numbers)):
+            continue
+        if _counts(sheet.numbers(others)):
+            return None, sheet
+        pose = _matrix(sheet, numbers, given)
+        names = list(sheet.names)
+        for k, column in enumerate(others, 1):
+            names[column] = f"joint_{k}"
+        remark = (
+            f"Columns {others[0] + 1} to {others[-1] + 1} are treated as readings of joint_1 to "
+            f"joint_{joints}, and the others as a 4x4 matrix; name the joints with "
+            f"--columns {others[0] + 1}=NAME,…"
+        )
+        position, rotation = (
+            tuple(first + k for k in columns) for columns in (pose.position, pose.rotation)
+        )
+        named = replace(sheet, names=tuple(names), remarks=(*sheet.remarks, remark))
+        return PoseColumns("", position, rotation, pose.form), named
+    return None, sheet
+
+
+def _counts(numbers: FloatArray) -> bool:
+    """Whether a column goes up from each row to the next, as a row's number or its time does."""
+    return bool((np.diff(numbers, axis=0) > 0).all(axis=0).any())
+
+
+def _is_transform(numbers: FloatArray) -> bool:
+    blocks = numbers.reshape(-1, 4, 4)
+    last = [0.0, 0.0, 0.0]
+    by_rows = np.allclose(blocks[:, 3, :3], last, atol=1e-6)
+    by_columns = np.allclose(blocks[:, :3, 3], last, atol=1e-6)
+    return (by_rows or by_columns) and is_rotation(blocks[:, :3, :3])
 
 
 def _position_and_rotation(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import cache
@@ -103,8 +104,11 @@ class Given:
 
     def pairs(self, option: Option) -> dict[str, str]:
         """``a=b,c=d`` as a mapping."""
+        return self._pairs(option, self.texts(option))
+
+    def _pairs(self, option: Option, parts: Iterable[str]) -> dict[str, str]:
         pairs: dict[str, str] = {}
-        for part in self.texts(option):
+        for part in parts:
             name, equals, value = (text.strip() for text in part.partition("="))
             if not (name and equals and value):
                 raise self.refuse(option, repr(part), f"parts such as {option.metavar}")
@@ -114,8 +118,15 @@ class Given:
         return pairs
 
     def numbers(self, option: Option) -> dict[str, float]:
-        """``a=1,b=2`` as numbers by name."""
-        numbers = {name: number_in(value) for name, value in self.pairs(option).items()}
+        """``a=1,b=2`` as numbers by name; a number alone, by no name, is that of all others."""
+        parts = self.texts(option)
+        alone = [part for part in parts if math.isfinite(number_in(part))]
+        named = self._pairs(option, (part for part in parts if part not in alone))
+        if len(alone) > 1:
+            raise self.refuse(option, " and ".join(alone), "one number for all names")
+        numbers = {name: number_in(value) for name, value in named.items()}
+        if alone:
+            numbers[""] = number_in(alone[0])
         largest = 1e12
         for name, number in numbers.items():
             if not abs(number) < largest:

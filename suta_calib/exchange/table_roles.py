@@ -65,8 +65,10 @@ _QUATERNIONS: Final = (
 )
 # Names that only count: the scalar is the first of them or the last, or they are no quaternion.
 _COUNTED: Final = (*_spelt("0123", "q? quat_?"), *_spelt("1234", "q? quat_?"))
-_ANGLES: Final = tuple(
-    tuple(names.split()) for names in ("rx ry rz", "roll pitch yaw", "a b c", "phix phiy phiz")
+_FIGAROH: Final = (("phix", "phiy", "phiz"),)
+_ANGLES: Final = (
+    *(tuple(names.split()) for names in ("rx ry rz", "roll pitch yaw", "a b c")),
+    *_FIGAROH,
 )
 _MATRICES: Final = tuple(
     tuple(f"{letter}{row}{column}" for row in range(k, k + 3) for column in range(k, k + 3))
@@ -192,7 +194,10 @@ def _named_rotation(
     sheet: Sheet, plain: Mapping[str, tuple[int, str]], prefix: str, given: Given
 ) -> tuple[tuple[int, ...], str, str]:
     """Columns of the orientation with a prefix, the unit of its angles, and its form."""
-    kinds = ((_QUATERNIONS, "xyzw"), (_MATRICES, "rows"), (_AXES, "columns"), (_ANGLES, ""))
+    kinds = (
+        *((_QUATERNIONS, "xyzw"), (_MATRICES, "rows"), (_AXES, "columns")),
+        *((_FIGAROH, "" if ROTATION in given else RPY), (_ANGLES, "")),
+    )
     for names, form in ((names, form) for sets, form in kinds for names in sets):
         present = [prefix + name for name in names]
         if not all(name in plain for name in present):

@@ -86,7 +86,8 @@ class Body:
 
 
 def _bare(name: str) -> str:
-    return name.rstrip("_. :/").lower()
+    """What stands in front of the columns' names in a table: Tool of Tool.x."""
+    return name.rstrip("_. :/") or name
 
 
 @dataclass(frozen=True, eq=False)
@@ -129,12 +130,12 @@ class Recording:
             columns |= {column: values[observed] for column, values in self.beside.items()}
             columns |= pose_columns(body.position, body.rotation, prefix)
             if len(names) > 1:
-                columns["target"] = np.full(int(observed.sum()), name)
+                columns["target"] = np.full(int(observed.sum()), _bare(name))
             parts.append(columns)
             dropped += int((~observed).sum())
         together = {key: np.concatenate([part[key] for part in parts]) for key in parts[0]}
         position = np.stack([together[prefix + axis] for axis in "xyz"], axis=1)
-        of = listed(names) + (f" in {reference}" if reference is not None else "")
+        of = listed([*map(_bare, names)]) + (f" in {reference}" if reference is not None else "")
         return ImportedRows(
             source=self.path,
             form=form,
@@ -163,7 +164,7 @@ class Recording:
             bodies = [name for name in self.bodies if name != reference]
             if len(bodies) > 1:
                 raise ForeignFileError(
-                    f"{len(self.bodies)} bodies or markers: {listed(list(self.bodies))}",
+                    f"{len(self.bodies)} bodies or markers: {listed([*map(_bare, self.bodies)])}",
                     "one body, or the name of the bodies to read",
                     file=self.path,
                     hint="choose it with --body NAME, and with --reference NAME the body in "
@@ -178,12 +179,11 @@ class Recording:
         return names
 
     def _one(self, name: str) -> str:
-        # Of a table they are what stands in front of the columns' names: Tool of Tool.x.
-        same = [body for body in self.bodies if _bare(body) == _bare(name)]
+        same = [body for body in self.bodies if _bare(body).lower() == _bare(name).lower()]
         if name in self.bodies or len(same) == 1:
             return name if name in self.bodies else same[0]
         problem, hint = f"no body or marker {name!r}", did_you_mean(name, self.bodies)
-        expected = f"one of {listed(list(self.bodies), 12)}"
+        expected = f"one of {listed([*map(_bare, self.bodies)], 12)}"
         raise ForeignFileError(problem, expected, file=self.path, hint=hint)
 
     def _posed(self, name: str, as_what: str) -> Body:

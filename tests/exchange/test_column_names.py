@@ -58,15 +58,29 @@ def test_a_comment_that_names_no_columns_is_a_comment(tmp_path: Path) -> None:
         imported(path, header="no")
 
 
-def test_numbered_positions_beside_joints_are_asked_about(tmp_path: Path) -> None:
+@pytest.mark.parametrize("angles", [True, False])
+def test_a_marker_of_figaroh_beside_joints(angles: bool, tmp_path: Path) -> None:
     """Twelve columns with names are no matrix because they are twelve."""
-    header = "x1,y1,z1,phix1,phiy1,phiz1," + ",".join(f"joint_{k}" for k in range(1, 7))
-    angles = Rotation.from_matrix(R).as_euler("xyz")
-    path = written(tmp_path / "t.csv", np.hstack([P, angles, np.ones((len(P), 6))]), ",", header)
-    way = "x1=x,y1=y,z1=z,phix1=roll,phiy1=pitch,phiz1=yaw"
-    for guess in (True, False):
-        with pytest.raises(InputError, match=f"columns x1, y1, .*phiz1, which .*--columns {way} "):
-            imported(path, guess=guess)
-    found = imported(path, columns=way, unit="rad", rotation="xyz")
-    check(found, tmp_path / "o.csv", R, P)
+    numbers = [P, Rotation.from_matrix(R).as_euler("xyz")][: 1 + angles]
+    header = ["x1", "y1", "z1", "phix1", "phiy1", "phiz1"][: 3 * len(numbers)]
+    rows = np.hstack([*numbers, np.ones((len(P), 6))])
+    header += [f"joint_{k}" for k in range(1, 7)]
+    path = written(tmp_path / "t.csv", rows, ",", ",".join(header))
+    found = imported(path)
+    check(found, tmp_path / "o.csv", R if angles else None, P)
     assert "joint_6" in found.columns
+    if angles:
+        way = "x1=x,y1=y,z1=z,phix1=roll,phiy1=pitch,phiz1=yaw"
+        found = imported(path, columns=way, unit="rad", rotation="xyz")
+        check(found, tmp_path / "o.csv", R, P)
+
+
+def test_several_markers_of_figaroh_are_asked_about(tmp_path: Path) -> None:
+    header = ",".join(f"{axis}{k}" for k in (1, 2) for axis in "xyz") + ",arm_1_joint"
+    path = written(tmp_path / "t.csv", np.hstack([P, P + 0.1, TIME]), ",", header)
+    with pytest.raises(InputError, match=r"2 bodies or markers: 1, 2; .*--body NAME"):
+        imported(path)
+    check(imported(path, body="2"), tmp_path / "o.csv", None, P + 0.1)
+    both = imported(path, body="*")
+    assert list(dict.fromkeys(both.columns["target"].tolist())) == ["1", "2"]
+    assert len(both.columns["arm_1_joint"]) == 2 * len(P)

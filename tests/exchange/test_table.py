@@ -166,6 +166,43 @@ def test_joint_readings_in_degrees_and_ticks(tmp_path: Path) -> None:
         np.testing.assert_allclose(found.columns[name], q[:, k], atol=1e-12)
 
 
+def test_one_zero_of_all_joints(tmp_path: Path) -> None:
+    q = np.random.default_rng(0).uniform(-2, 2, (6, 2))
+    ticks = np.array([2048, 2000]) + np.array([-1, 1]) * q * 4096 / (2 * np.pi)
+    # Names of an arm's own, beside what a new job's file has.
+    rows = np.hstack([ticks, np.full((6, 1), 21.5)])
+    path = written(tmp_path / "t.csv", rows, header="pan,lift,temperature")
+    options = {"zero": "2048,lift=2000", "sign": "-1,lift=1", "counts_per_turn": "4096"}
+    found = imported(path, unit="ticks", **options)
+    np.testing.assert_allclose(found.columns["pan"], q[:, 0], atol=1e-12)
+    np.testing.assert_allclose(found.columns["lift"], q[:, 1], atol=1e-12)
+    assert set(found.columns["temperature"].tolist()) == {21.5}
+    assert any("joint readings in ticks: pan, lift; choose" in said for said in found.remarks)
+    with pytest.raises(InputError, match="--zero: found 1 and 2"):
+        imported(path, unit="ticks", counts_per_turn="4096", zero="1,2")
+
+
+@pytest.mark.parametrize("behind", [True, False])
+def test_joints_beside_a_matrix_without_names(behind: bool, tmp_path: Path) -> None:
+    q = np.random.default_rng(0).uniform(-2, 2, (len(T), 6))
+    parts = [q, T.reshape(-1, 16)]
+    path = written(tmp_path / "t.txt", np.hstack(parts if behind else parts[::-1]))
+    found = imported(path)
+    check(found, tmp_path / "o.csv", R, P)
+    np.testing.assert_allclose(found.columns["joint_6"], q[:, 5], atol=1e-12)
+    first = 1 if behind else 17
+    assert any(f"--columns {first}=NAME" in said for said in found.remarks)
+    found = imported(path, columns=f"{first}=pan")
+    check(found, tmp_path / "o.csv", R, P)
+    np.testing.assert_allclose(found.columns["pan"], q[:, 0], atol=1e-12)
+
+
+def test_numbers_beside_no_matrix_are_asked_about(tmp_path: Path) -> None:
+    rows = np.random.default_rng(0).uniform(-2, 2, (6, 22))
+    with pytest.raises(InputError, match=r"22 columns.*--pose-from"):
+        imported(written(tmp_path / "t.txt", rows))
+
+
 def test_which_columns_are_joints(tmp_path: Path) -> None:
     """By their usual names, by --joints, or by a name that they were given; labels never are."""
     path = tmp_path / "t.csv"
@@ -409,11 +446,6 @@ REFUSED: dict[str, tuple[str, dict[str, object], str]] = {
         "joint_1\n1\n2\n",
         {"origin": "first", "separator": "comma"},
         "--origin",
-    ),
-    "angles of FIGAROH": (
-        "x,y,z,phix,phiy,phiz\n1,1,1,0,0,1\n",
-        {},
-        "phix, phiy, phiz, which could",
     ),
     "far away": ("x,y,z\n100,200,300\n", {}, r":2: found positions about 374 m away.*--unit mm"),
     "both units": (

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping, Sequence, Set
 from dataclasses import replace
 from fnmatch import fnmatchcase
 from pathlib import Path
@@ -19,7 +19,6 @@ from suta_calib.exchange.column_names import (
     JOINT_NAMES,
     TUM,
     is_joint,
-    refuse_numbered,
     renamed,
     seconds_in,
 )
@@ -53,6 +52,7 @@ from suta_calib.exchange.table_roles import (
 )
 from suta_calib.exchange.tracked_bodies import BODY_OPTIONS, PAIR, REFERENCE, Body, Recording
 from suta_calib.measurements.csv_table import SIGMA, SIGMAS
+from suta_calib.measurements.sample_files import PAYLOAD, PAYLOAD_PLACE, TEMPERATURE
 from suta_calib.terms import KINDS
 from suta_calib.units import from_deg
 from suta_calib.words import listed
@@ -67,6 +67,8 @@ FROM: Final = Option(
 _DIRECTION: Final = ".direction"
 # What a column with the time of its row is called.
 _CLOCKS: Final = ("time", "timestamp", "frame")
+# Numbers of samples that are neither labels nor readings.
+_NO_JOINTS: Final = (TEMPERATURE, PAYLOAD, *(place.name for place in PAYLOAD_PLACE))
 # More than any joint turns that is read in rad, twice round and a little.
 _FEW_TURNS: Final = 13.0
 
@@ -121,13 +123,15 @@ def _understood(path: Path, given: Given) -> _Columns:
     names = renamed(sheet, given)
     poses = named_poses(sheet, names, given)
     named = COLUMNS in given or JOINTS in given
-    if not poses and not named:
-        if sheet.headed:
-            refuse_numbered(sheet, names)
+    # Beside a matrix stand joints, which may have been given names.
+    wide = len(names) > OF_MATRIX[-1] and not sheet.headed
+    if not poses and (wide or not named):
         matrix = len(names) in OF_MATRIX and not any(map(is_joint, names))
         if not sheet.headed or FROM in given or matrix:
             pose, sheet = nameless_pose(sheet, given)
-            names, poses = list(sheet.names), [pose] if pose is not None else []
+            poses = [pose] if pose is not None else []
+            asked = zip(names, sheet.names, strict=True) if named else ()
+            names = [new if old.isdigit() else old for old, new in asked] or list(sheet.names)
     return _Columns(sheet, names, poses, given)
 
 
@@ -210,7 +214,7 @@ class _Columns:
             made,
             dropped=len(complete) - len(rows),
             notes=(*self._notes, *self._given.guesses),
-            remarks=tuple(self._remarks),
+            remarks=tuple(dict.fromkeys(self._remarks)),
         )
 
     def _together(
@@ -304,7 +308,7 @@ class _Columns:
         columns: dict[str, NDArray[Any]] = {}
         labels = {*_labels(), "frame"} - {"time"}
         readings = Readings.of(self._given, self._angle or "rad")
-        joints = self._readings = self._joints((*self._given.texts(JOINTS), *readings.names))
+        joints = self._readings = self._joints(readings.names)
         for k, name in enumerate(self._names):
             # Of a table without names only what is asked for has one.
             if k in taken or not name or (name.isdigit() and name == sheet.names[k]):
@@ -333,23 +337,33 @@ class _Columns:
                 columns[name] = values
         return columns, complete
 
-    def _joints(self, patterns_given: Sequence[str]) -> set[int]:
+    def _joints(self, stated: Set[str]) -> set[int]:
         """Columns that are joint readings: as was said, or by what joints are usually called.
 
-        A column that was given a name of its own, which is no label, is one too.
+        A column that was given a name of its own, which is no label, is one too, and so is one of
+        which something is ``stated``.
         """
         renamed = set(self._given.pairs(COLUMNS).values()) - _labels()
+        by_name = JOINTS not in self._given
+        patterns = JOINT_NAMES if by_name else self._given.texts(JOINTS)
         columns = set()
         for k, name in enumerate(self._names):
-            bare = plain_name(name)[0]
-            patterns = patterns_given if JOINTS in self._given else (*JOINT_NAMES, *patterns_given)
+            bare, unit = plain_name(name)
             matching = any(fnmatchcase(spelling, p) for p in patterns for spelling in (name, bare))
             # A column whose name says an angle's unit; not that of an angle's uncertainty.
-            angle = plain_name(name)[1] in ANGLES and "sigma" not in name.lower()
-            angle = angle and JOINTS not in self._given
+            angle = by_name and unit in ANGLES and "sigma" not in name.lower()
             if (matching or angle or {name, bare} & renamed) and not name.endswith(_DIRECTION):
                 columns.add(k)
-        return columns
+        if by_name and not (columns or self._poses) and self._angle:
+            # Nothing else in the file can be in such a unit.
+            likely = self._likely()
+            columns = {self._names.index(name) for name in likely}
+            if likely:
+                self._remarks.append(
+                    f"Columns treated as joint readings in {self._angle}: {listed(likely, 16)}; "
+                    f"choose others with {JOINTS.switch}."
+                )
+        return columns | {k for k, n in enumerate(self._names) if {n, plain_name(n)[0]} & stated}
 
     def _check_units(self) -> None:
         """Refuse a unit of what is not there: its numbers would stay as they are."""
@@ -368,7 +382,7 @@ class _Columns:
     def _likely(self) -> list[str]:
         """Columns of numbers that are neither a pose nor a label: joint readings, perhaps."""
         taken = {k for pose in self._poses for k in (*pose.position, *pose.rotation)}
-        labels = {*_labels(), *_CLOCKS}
+        labels = {*_labels(), *_CLOCKS, *_NO_JOINTS}
         return [
             name
             for k, name in enumerate(self._names)
