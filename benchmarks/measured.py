@@ -124,16 +124,16 @@ class Row:
 HEADER = """\
 # Measured arms
 
-Written by `make measured` (`benchmarks/measured.py`; Python {python}, {machine}). Errors are
-distances between where the calibrated arm says the tip was and where it was seen or had to be, on
-samples that nobody fitted; the instrument stays where it was fitted, the place of the sockets is
-found anew. Time is from the job's files to its answer for ours, of the fit alone for the others,
-one thread each; memory is the most that the process had, libraries included.
+Written by `make measured` (`benchmarks/measured.py`; Python {python}, {machine}). An error is
+the distance between the predicted and the measured (or known) position of the tip, on samples that
+were not fitted. The pose of the instrument is the fitted one; the pose of the sockets is estimated
+again. For ours, the time is from reading the job's files to the result; for the others it is the
+time of the fit alone; one thread each. Memory is the peak of the process, with its libraries.
 
-*Before* is the nominal geometry with the instrument or the place fitted. *Plain SciPy* is one
-`least_squares` over the job's unknowns, with its loss and its priors, these weighed by a noise of
-0.5 mm; kinematics in NumPy, the Jacobian by differences. *figaroh* is what PyPI has, with its
-defaults: base, tip and its own choice of parameters. A lab adds its own jobs:
+*Before* is the nominal geometry with the pose of the instrument or of the sockets fitted. *Plain
+SciPy* is one `least_squares` over the job's unknowns, with its loss and its priors, weighted with a
+noise of 0.5 mm; kinematics in NumPy, the Jacobian by differences. *figaroh* is the release on PyPI
+with its defaults: base, tip and its own choice of parameters. To add your own jobs, run
 `python benchmarks/measured.py FOLDER`.
 """
 

@@ -23,7 +23,7 @@ def formats_page() -> Iterator[str]:
     yield "# Other programs' files\n\n"
     yield (
         "The formats that `suta-calib import --list` and `suta-calib export --list` show, with "
-        "their options. [See it, bring it in, take it out](../guides/exchange.md) shows how to use "
+        "their options. [View, import, export](../guides/exchange.md) shows how to use "
         "them.\n\n"
     )
     for command, known in formats().items():
