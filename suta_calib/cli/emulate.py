@@ -35,7 +35,7 @@ _COUNT: Final = click.IntRange(1, 86_400)
 # Who speaks only when asked cannot be stood for by a stream.
 _SENT: Final = [name for name, form in FORMATS.items() if not form.asked]
 _EPILOG: Final = "\nFaults, separated by commas; times are in s after the port was first opened:\n"
-_FAULTS_HELP: Final = _EPILOG + "\n".join(f"  {k:<20} {v}" for k, v in WORDS.items())
+_FAULTS_HELP: Final = _EPILOG + "\n\b\n" + "\n".join(f"{k:<20} {v}" for k, v in WORDS.items())
 
 
 @click.command(epilog=_FAULTS_HELP)
@@ -103,9 +103,11 @@ _FAULTS_HELP: Final = _EPILOG + "\n".join(f"  {k:<20} {v}" for k, v in WORDS.ite
 @option("--seed", "Seed of noise, seating and faults.", _SEED, 0)
 @option("--encoder-deg", "Standard deviation of a reading.", _NOT_NEGATIVE, 0.001)
 # What is sent.
-@option("--format", "", click.Choice(_SENT), "frames", name="form")
-@option("--unit", "", click.Choice(UNITS), "counts")
-@option("--counts-per-turn", "", click.IntRange(2, 1 << 32), 1 << 22)
+@option(
+    "--format", "Format of the bytes that are sent.", click.Choice(_SENT), "frames", name="form"
+)
+@option("--unit", "Unit of the readings that are sent.", click.Choice(UNITS), "counts")
+@option("--counts-per-turn", "Counts of an encoder per turn.", click.IntRange(2, 1 << 32), 1 << 22)
 @option("--signs 1,-1,…", "Signs of the encoders; default: all 1.", default="")
 @option(
     "--baudrate", "Baud rate that is written to device.yaml.", click.IntRange(1, 1 << 31), 921600

@@ -59,8 +59,8 @@ def init(
 
     With several --tip NAME=LINK, the job has a chain for each of them.
 
-    In the URDF's place it takes a .xacro file, with --xacro-arg where that needs arguments; or a
-    model of MuJoCo (MJCF), which becomes a URDF beside the job.
+    Instead of a URDF you can give a .xacro file, with --xacro-arg for its arguments, or a model of
+    MuJoCo (MJCF), which is converted to a URDF beside the job.
     """
     made = _converted(Path(urdf))
     source = urdf if made is None else made.text()

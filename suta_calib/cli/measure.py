@@ -41,7 +41,7 @@ class PlaceCommand(click.Command):
         if given - declared:
             places = dict.fromkeys(kind.place for kind in KINDS.values() if kind.place)
             self.params += [
-                click.Option([f"--{place}"], help=f"Label of a {place}, instead of --point.")
+                click.Option([f"--{place}"], help=f"Label of the {place}, instead of --point.")
                 for place in places
                 if f"--{place}" not in declared
             ]
