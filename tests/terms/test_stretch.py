@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from dataclasses import replace
 from pathlib import Path
@@ -84,11 +85,12 @@ ARTEFACT = (
 BOARD_FILE = "type: chessboard\ncorners: [7, 5]\nsquare_mm: 30\n{more}"
 KEYS = [
     ("", None),
-    ("grade: printed\n", 0.005),
+    # A grade is that of the mean of both sides; a stated scale is that of each.
+    ("grade: printed\n", math.sqrt(2) * 0.005),
     ("grade: printed\nscale_ppm: 2000\n", 0.002),
     ("grade: printed\nstretch: fixed\n", None),
     ("grade: certified\n", None),
-    ("stretch: free\n", 0.005),
+    ("stretch: free\n", math.sqrt(2) * 0.005),
 ]
 
 
