@@ -23,6 +23,7 @@ ROWS = (
     | {"display", "threads", "words"},
     {"geometry", "batched", "plotting"},
     {"model", "measurements"},
+    {"arm_keys"},
     {"terms", "robots"},
     {"solver"},
     {"simulation"},

@@ -13,10 +13,10 @@ from itertools import takewhile
 from pathlib import Path
 from typing import Final
 
+from suta_calib.arm_keys import read_arm as read_arm_of_job
 from suta_calib.errors import InputError, JobError, did_you_mean
 from suta_calib.inputs import UrdfFile
 from suta_calib.job.outline import read_outline
-from suta_calib.job.schema import read_arm as read_arm_of_job
 from suta_calib.measurements import Artefact, read_artefact
 from suta_calib.model.arm import ArmModel
 from suta_calib.terms import KINDS, Term

@@ -233,7 +233,10 @@ def emulated_device(options: EmulationOptions) -> EmulatedDevice:
     if tip is None:
         if script is None:
             raise InputError("no tip", "--tip FRAME, the link or frame whose pose matters")
-        tip, base = script.tip, base or script.base
+        ends = script.arm if isinstance(script, SimulationSpec) else script
+        if not ends.tip:
+            raise InputError("several chains", "--tip FRAME of the one that is emulated")
+        tip, base = ends.tip, base or ends.base
     arm = ArmModel.from_urdf(options.urdf, tip, base)
     device = device_of(
         arm,

@@ -13,6 +13,7 @@ from typing import Final
 
 import numpy as np
 
+from suta_calib.arm_keys import ArmSpec
 from suta_calib.arrays import FloatArray
 from suta_calib.emulation.motion import Stops, continuous
 from suta_calib.emulation.trajectories import posture_of
@@ -112,7 +113,8 @@ def stops(
     exact = replace(plan, noise=noise)
     spec = SimulationSpec(
         path or chain.path,
-        *(chain.path, chain.tip, chain.base, seed),
+        ArmSpec(chain.path, chain.tip, chain.base),
+        seed,
         posture=tuple(posture),
         errors=error_rows(arm, values),
         sets=(exact,),

@@ -10,6 +10,7 @@ from typing import Any, Final
 
 import numpy as np
 
+from suta_calib.arm_keys import ArmSpec
 from suta_calib.emulation.motion import Motion, Stops
 from suta_calib.emulation.player import TrueTrajectory
 from suta_calib.errors import JobError, did_you_mean
@@ -44,7 +45,7 @@ def read_truth(path: Path, arm: ArmModel, seed: int | None = None) -> dict[str, 
     top = YamlSection(read_yaml(path, JobError), JobError)
     if "sets" in top:
         spec = read_simulation(path)
-        return true_values(spec.on(arm), spec, spec.seed if seed is None else seed)
+        return true_values(spec.arm.with_offsets(arm), spec, spec.seed if seed is None else seed)
     if "parameters" not in top or isinstance(top.data["parameters"], list):
         raise top.refuse(
             "neither a truth.yaml nor a simulation.yaml",
@@ -102,7 +103,7 @@ def drawn_truth(arm: ArmModel, seed: int, select: Sequence[str] = ()) -> dict[st
     )
     chain = arm.chain
     only_errors = SimulationSpec(
-        chain.path, chain.path, chain.tip, chain.base, 0, posture=(), errors=rows, sets=()
+        chain.path, ArmSpec(chain.path, chain.tip, chain.base), 0, (), errors=rows, sets=()
     )
     return true_values(arm, only_errors, seed)
 

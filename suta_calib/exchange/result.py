@@ -12,6 +12,7 @@ from typing import Any, Final
 import numpy as np
 
 from suta_calib.analysis.comparison import check_nominal
+from suta_calib.arm_keys import read_arm
 from suta_calib.arrays import FloatArray
 from suta_calib.assessment import refuse_unusable, says_usable
 from suta_calib.display import Displayable
@@ -21,7 +22,7 @@ from suta_calib.exchange.rotations import is_rotation
 from suta_calib.geometry.numbers import homogeneous, rotation_from_rpy
 from suta_calib.geometry.pinhole import INTRINSICS
 from suta_calib.inputs import UrdfFile
-from suta_calib.job.schema import JobSpec, read_arm, read_job
+from suta_calib.job.schema import JobSpec, read_job
 from suta_calib.measurements.camera import Camera
 from suta_calib.measurements.yaml_file import YamlSection, read_yaml
 from suta_calib.model.arm import ArmModel

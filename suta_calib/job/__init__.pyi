@@ -16,7 +16,6 @@ from .new_job import write_job as write_job
 from .outline import JobOutline as JobOutline
 from .outline import PlannedObservation as PlannedObservation
 from .outline import read_outline as read_outline
-from .schema import ArmSpec as ArmSpec
 from .schema import JobSpec as JobSpec
 from .schema import ObservationSpec as ObservationSpec
 from .schema import SolverSpec as SolverSpec

@@ -25,6 +25,7 @@ from typing import Any, Final, TypeVar
 
 import numpy as np
 
+from suta_calib.arm_keys import ArmSpec, read_arm
 from suta_calib.arrays import IntArray
 from suta_calib.display import Displayable
 from suta_calib.errors import InputError, JobError, UrdfError
@@ -32,7 +33,7 @@ from suta_calib.inputs import UrdfFile
 from suta_calib.job.calibration import CalibrationJob
 from suta_calib.job.job_terms import read_term
 from suta_calib.job.limits import JUDGED_KEYS, DecisionRule, Limits, StatedUncertainty, read_judged
-from suta_calib.job.schema import ArmSpec, ObservationSpec, read_arm
+from suta_calib.job.schema import ObservationSpec
 from suta_calib.measurements import SampleColumns, Samples, YamlSection, read_samples, read_yaml
 from suta_calib.measurements.fields import (
     FILE,

@@ -12,6 +12,7 @@ from time import perf_counter
 from typing import Any, Final, Literal
 
 from suta_calib import plotting
+from suta_calib.arm_keys import ArmSpec, ChainSpec
 from suta_calib.arrays import FloatArray
 from suta_calib.assessment import Assessment, attempt, judge, judged, refuse_unusable
 from suta_calib.atomic import inputs_listed
@@ -20,7 +21,7 @@ from suta_calib.errors import InputError, JobError, ParameterError, SamplesError
 from suta_calib.job.in_python import IN_PYTHON, Free, row_of, terms_over, unknowns_of
 from suta_calib.job.job_terms import held_together, placed, read_term
 from suta_calib.job.scene import calibration_scene
-from suta_calib.job.schema import ArmSpec, ChainSpec, JobSpec, read_job
+from suta_calib.job.schema import JobSpec, read_job
 from suta_calib.measurements import read_artefact
 from suta_calib.model.arm import ArmModel
 from suta_calib.model.parameters import (

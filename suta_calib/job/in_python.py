@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from suta_calib.errors import InputError, ParameterError, did_you_mean
-from suta_calib.job.schema import ObservationSpec, seen_from
+from suta_calib.job.schema import ObservationSpec
 from suta_calib.model.arm import ArmModel
 from suta_calib.model.parameters import (
     GEOMETRIC,
@@ -85,7 +85,6 @@ def unknowns_of(arm: AnyArm, free: Free) -> tuple[tuple[Selection, ...], Paramet
 
 def row_of(term: Term) -> ObservationSpec:
     """What a job's file would say of a term."""
-    bodies = term.poses.arm.bodies if isinstance(term.poses, ArmPoses) else None
     return ObservationSpec(
         term.kind,
         (),
@@ -96,5 +95,5 @@ def row_of(term: Term) -> ObservationSpec:
         seating=getattr(term, "seating", None),
         given=term.given,
         scale=term.scale,
-        chain="" if bodies is None else seen_from(bodies.tip, bodies.base),
+        chain=term.poses.chain,
     )

@@ -8,8 +8,9 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
+from suta_calib.arm_keys import seen_from
 from suta_calib.errors import InputError, JobError, SamplesError, SutaCalibWarning
-from suta_calib.job.schema import JobSpec, ObservationSpec, seen_from
+from suta_calib.job.schema import JobSpec, ObservationSpec
 from suta_calib.measurements import (
     Artefact,
     Samples,

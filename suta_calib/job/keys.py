@@ -6,6 +6,7 @@ from collections.abc import Iterable
 from dataclasses import replace
 from typing import Final
 
+from suta_calib.arm_keys import CHAIN_KEYS
 from suta_calib.measurements.exclusion import exclusion_keys, read_exclusion
 from suta_calib.measurements.fields import (
     ANGLE,
@@ -88,13 +89,7 @@ COMMON_KEYS: Final = Fields(
         "The samples (CSV files, globs), relative to the job's folder.",
         required=True,
     ),
-    Field("chain", TEXT, "Chain that the samples are of, where the arm has several (arm.chains)."),
-    Field(
-        "base_chain",
-        TEXT,
-        "Chain from whose tip it is seen or touched, in place of the base: a camera on the head "
-        "that sees a board in the hand, or two hands.",
-    ),
+    *CHAIN_KEYS,
     Field("artefact", FILE, "The artefact.yaml of the touched artefact, where the kind needs one."),
     Field(
         "label", TEXT, "Label of the instrument, camera or set of sockets, where there are several."

@@ -6,24 +6,19 @@ it is known. Here every key is known, every value usable and every file there.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
-from functools import partial
 from pathlib import Path
-from typing import Any, Final, Literal, TypeVar, get_args
+from typing import Any, Final, Literal, get_args
 
+from suta_calib.arm_keys import ArmSpec, read_arm
 from suta_calib.display import Displayable
-from suta_calib.errors import JobError, UrdfError, did_you_mean
-from suta_calib.inputs import UrdfFile
-from suta_calib.job.arm_keys import LOOP_KEYS, TIP_OFFSET_KEYS, Couplings, TipOffset, read_loop
+from suta_calib.errors import JobError
 from suta_calib.job.keys import BOUND_AND_PRIOR_KEYS, COMMON_KEYS, OBSERVATION_KEYS, SELECTION_KEYS
 from suta_calib.measurements.exclusion import Exclusion
 from suta_calib.measurements.fields import (
     ANGLE_OR_0,
-    BASE,
     LENGTH_OR_0,
-    TIP,
-    URDF,
     Field,
     Fields,
     Value,
@@ -36,12 +31,9 @@ from suta_calib.measurements.fields import (
     rows,
     whole_number,
 )
-from suta_calib.measurements.scale import GRADES, SCALE_KEYS, LengthScale
+from suta_calib.measurements.scale import SCALE_KEYS, LengthScale
 from suta_calib.measurements.yaml_file import YamlSection, read_yaml
-from suta_calib.model.arm import ArmModel
-from suta_calib.model.loop import Loop
 from suta_calib.model.parameters import Selection
-from suta_calib.model.robot import Robot
 from suta_calib.terms import KINDS, GivenPose, Seating, Term
 from suta_calib.terms.given_pose import POSE_KEYS
 from suta_calib.trust.rule import Rule
@@ -50,163 +42,6 @@ _ANGLE_KEYS: Final = ("huber_deg", "sigma_deg")
 _LENGTH_KEYS: Final = ("huber_mm", "sigma_mm")
 
 Hessian = Literal["gauss-newton", "exact"]
-_AnyMechanism = TypeVar("_AnyMechanism", ArmModel, Robot)
-
-
-_TIP_OFFSET: Final = Field(
-    "tip_offset_mm",
-    Value("x, y, z in mm, or a mapping", TipOffset.read, TIP_OFFSET_KEYS),
-    "Position of the tip in that frame, for a probe that the URDF does not have. Three numbers are "
-    "fixed; with bound_mm or prior_mm the position is estimated.",
-)
-
-
-@dataclass(frozen=True)
-class ChainSpec(Displayable):
-    """One of several chains of a robot: an entry of ``arm: {chains: …}``."""
-
-    tip: str = keyed(TIP)
-    base: str | None = keyed(BASE, "", None)
-    tip_offset: TipOffset | None = keyed(_TIP_OFFSET, "", None)
-
-
-def _chains(arm: YamlSection, key: str) -> dict[str, ChainSpec]:
-    """Chains by name, no two of them with the same ends."""
-    below = arm.section(key)
-    chains = {str(name): read_as(ChainSpec, below.section(name)) for name in below.data}
-    names = dict[tuple[str, str | None], str]()
-    for name, chain in chains.items():
-        other = names.setdefault((chain.tip, chain.base), name)
-        if other != name:
-            problem = f"the tip '{chain.tip}', which is the tip of the chain {other} too"
-            hint = "name one chain in both rows of the observations"
-            raise below.refuse(problem, "another tip or base", at=(name,), hint=hint)
-    return chains
-
-
-@dataclass(frozen=True)
-class ArmSpec(Displayable):
-    """The key ``arm`` of a job; ``section`` is where it stands, None for no job."""
-
-    urdf: UrdfFile = keyed(URDF)
-    tip: str = keyed(replace(TIP, required=False), "", "")
-    base: str | None = keyed(BASE, "", None)
-    chains: Mapping[str, ChainSpec] = keyed(
-        Value("chains by name", _chains, fields_of(ChainSpec)),
-        "Several chains that share joints, in place of tip: {left: {tip: left_hand}, right: {tip: "
-        "right_hand}}. Every row of observations and validation then names its chain.",
-        dict,
-    )
-    tip_offset: TipOffset | None = keyed(_TIP_OFFSET, "", None)
-    section: YamlSection | None = field(default=None, repr=False, compare=False)
-    couplings: Couplings | None = keyed(
-        Value("by joint, numbers by joint", Couplings.read),
-        "Joints that the readings of other joints move too, as through a parallelogram: "
-        "{joint_3: {joint_2: -1}} turns joint_3 by -1 times the reading of joint_2 as well. The "
-        "number is fixed, unless a row estimates joint_3.coupling[joint_2].",
-        None,
-    )
-    loops: tuple[Loop, ...] = keyed(
-        rows(read_loop, LOOP_KEYS),
-        "Closed loops that hang on the tree of the URDF, as the four-bar of a palletizing arm: "
-        "two frames that a pin joins, and the two joints without an encoder.",
-        (),
-    )
-    grade: str = keyed(
-        choice(GRADES, "certified, machined or printed"),
-        "How the arm was made. It sets the tolerance of the dimensions that are not estimated, and "
-        "of a common scale of all lengths. Every ± that depends on them includes this tolerance. "
-        "If it is not given, the errors of the estimated dimensions set the tolerance, but never "
-        "less than that of machined parts.",
-        "",
-    )
-
-    @property
-    def tips(self) -> dict[str, TipOffset | None]:
-        """What is said of the place of every tip, by the tip's name."""
-        if self.chains:
-            return {chain.tip: chain.tip_offset for chain in self.chains.values()}
-        return {self.tip: self.tip_offset}
-
-    def ends(self, pairs: Iterable[tuple[str, str]] = ()) -> dict[str, tuple[str, str | None]]:
-        """Tip and base of every chain by name, and of chains that are seen from another's tip."""
-        chains = {n: (c.tip, c.base or self.base) for n, c in self.chains.items()}
-        for seen, seeing in pairs:
-            if seeing:
-                chains[seen_from(seen, seeing)] = (chains[seen][0], chains[seeing][0])
-        return chains
-
-    def mechanism(self, pairs: Iterable[tuple[str, str]] = ()) -> ArmModel | Robot:
-        """The arm, or the robot with its chains, at nominal.
-
-        Args:
-            pairs: chains that rows name, each with the one from whose tip it is seen, or nothing.
-
-        Raises:
-            UrdfError: the file cannot be used, or has no place for the tip's offset.
-            JobError: it has no such tip, base or joints; names the job's line.
-        """
-        return self.model() if not self.chains else self._completed(partial(self._robot, pairs))
-
-    def _robot(self, pairs: Iterable[tuple[str, str]]) -> Robot:
-        return Robot.from_urdf(self.urdf, self.ends(pairs), self.loops)
-
-    def model(self, chain: str = "") -> ArmModel:
-        """The arm at nominal; of several chains the one of this name.
-
-        Raises:
-            UrdfError: the file cannot be used, or has no place for the tip's offset.
-            JobError: it has no such tip, base, joints or chain; names the job's line.
-        """
-        if not self.chains:
-            read = partial(ArmModel.from_urdf, self.urdf, self.tip, self.base, self.loops)
-            return self._completed(read)
-        if chain not in self.chains:
-            names, found = ", ".join(self.chains), f"chain '{chain}'" if chain else "several chains"
-            raise JobError(found, f"the name of one of the chains {names}", where="arm.chains")
-        return self._completed(partial(self._robot, ())).chains[chain]
-
-    def _completed(self, read: Callable[[], _AnyMechanism]) -> _AnyMechanism:
-        """What was read from the URDF, with what else the job says of it."""
-        try:
-            arm = read()
-        except UrdfError as problem:
-            if self.section is None or problem.where not in ("tip", "base"):
-                raise
-            expected = f"{problem.expected} {self.urdf}"
-            at, hint = (problem.where,) if problem.where in self.section else (), problem.hint
-            raise self.section.refuse(problem.found, expected, at=at, hint=hint) from None
-        if self.couplings is not None:
-            arm = self.couplings.on(arm)
-        arm = arm.of_grade(self.grade)
-        for tip, offset in self.tips.items():
-            arm = arm if offset is None else offset.on(arm, tip)
-        return arm
-
-    def model_of(self, urdf: UrdfFile) -> ArmModel:
-        """The same arm as another URDF has it, such as the calibrated one.
-
-        Raises:
-            UrdfError: the file cannot be used, or has no such tip or base.
-            JobError: it has no joints that are coupled so.
-        """
-        # The tip's offset is in the URDF already; couplings are in none.
-        return self._of(urdf).model()
-
-    def mechanism_of(
-        self, urdf: UrdfFile, pairs: Iterable[tuple[str, str]] = ()
-    ) -> ArmModel | Robot:
-        """`mechanism` of another URDF, likewise."""
-        return self._of(urdf).mechanism(pairs)
-
-    def _of(self, urdf: UrdfFile) -> ArmSpec:
-        chains = {n: replace(chain, tip_offset=None) for n, chain in self.chains.items()}
-        return replace(self, urdf=urdf, tip_offset=None, chains=chains, section=None)
-
-
-def seen_from(seen: str, seeing: str) -> str:
-    """The name of the chain that ends at one tip and begins at another; nothing for the base."""
-    return f"{seen} seen from {seeing}" if seeing else seen
 
 
 @dataclass(frozen=True)
@@ -427,7 +262,7 @@ def read_job(path: Path) -> JobSpec:
     spec = read_as(JobSpec, top, path=path, arm=read_arm(top))
     # Later rows win: what the job says of the tip, and of couplings, counts.
     for row, section in _rows(spec, top):
-        _check_chain(spec.arm, row, section)
+        spec.arm.check_chain(section, row.chain, row.base_chain)
     first = [
         *(offset.selection(tip) for tip, offset in spec.arm.tips.items() if offset is not None),
         *([] if spec.arm.couplings is None else [spec.arm.couplings.selection]),
@@ -435,38 +270,8 @@ def read_job(path: Path) -> JobSpec:
     return replace(spec, parameters=(*first, *spec.parameters))
 
 
-def read_arm(top: YamlSection, urdf: UrdfFile | None = None) -> ArmSpec:
-    """The key ``arm`` of a job, ``urdf`` in place of the file that it names."""
-    section = top.section("arm")
-    # A calibrated one has the offset in it.
-    other: dict[str, Any] = {} if urdf is None else {"urdf": urdf, "tip_offset": None}
-    arm = read_as(ArmSpec, section, section=section, **other)
-    if not arm.tip and not arm.chains:
-        raise section.refuse("no such key", "tip: the link or frame of the tip", at=("tip",))
-    for key in ("tip", "tip_offset_mm"):
-        if arm.chains and key in section:
-            hint = "write it into the entry of its chain"
-            raise section.refuse(f"{key} beside chains", "one or the other", at=(key,), hint=hint)
-    return arm
-
-
 def _rows(spec: JobSpec, top: YamlSection) -> Iterator[tuple[ObservationSpec, YamlSection]]:
     """Every row, with where it stands."""
     for name, given in (("observations", spec.observations), ("validation", spec.validation)):
         if given:
             yield from zip(given, top.sections(name), strict=True)
-
-
-def _check_chain(arm: ArmSpec, row: ObservationSpec, section: YamlSection) -> None:
-    """Refuse a row of a chain that the arm does not have, and one that does not say its chain."""
-    names = tuple(arm.chains)
-    for key, name in (("chain", row.chain), ("base_chain", row.base_chain)):
-        if name and name not in names:
-            expected = f"one of {', '.join(names)}" if names else "no such key: the arm has one tip"
-            hint = did_you_mean(name, names)
-            raise section.refuse(f"'{name}'", expected, at=(key,), hint=hint)
-    if names and not row.chain:
-        expected = f"the chain that its samples are of: {', '.join(names)}"
-        raise section.refuse("no such key", expected, at=("chain",))
-    if row.chain and row.chain == row.base_chain:
-        raise section.refuse(f"'{row.chain}' as both", "two chains", at=("base_chain",))

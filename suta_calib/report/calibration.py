@@ -49,6 +49,7 @@ from suta_calib.report.document import (
 )
 from suta_calib.report.errors import (
     RESIDUALS,
+    RESIDUALS_OF_CHAINS,
     accuracy_json,
     by_kind,
     errors_in_short,
@@ -262,7 +263,7 @@ def _errors(result: Calibration) -> Iterator[Part]:
         yield REPEATABILITY.of(repeatability_of(result), place="detail")
     # Held-out errors are what a user of the arm will see: they come first.
     for name in ("validation", "calibration"):
-        for k, errors in enumerate(by_kind(sets[name])):
+        for k, errors in enumerate(by_kind(sets[name], by_chain=True)):
             if len(errors.before):
                 drawn = errors.before, errors.after, errors.unit, errors.name
                 yield Figure(
@@ -426,9 +427,7 @@ def _files(result: Calibration) -> list[File]:
             CALIBRATED if result.assessment.usable else NOT_USABLE,
             lambda: result.job.arm.calibrated_urdf(solution.values),
         ),
-        File(
-            "residuals.csv", lambda: csv_of_groups(RESIDUALS, residual_rows(result.labelled_terms))
-        ),
+        File("residuals.csv", lambda: _residuals(result)),
         # With what it was made of the folder can go elsewhere; arrays are in no file.
         *(
             [File(inputs_copy.NAME, lambda: inputs_copy.packed(job.spec.path, job.files))]
@@ -479,6 +478,13 @@ def _data(result: Calibration) -> Json:
     }
 
 
+def _residuals(result: Calibration) -> str:
+    """Every error as CSV, with a column of the chain where a robot has several."""
+    sets = result.labelled_terms
+    several = any(term.term.poses.chain for labelled in sets.values() for _, term in labelled)
+    return csv_of_groups(RESIDUALS_OF_CHAINS if several else RESIDUALS, residual_rows(sets))
+
+
 def _metrics(result: Calibration) -> Json:
     """Of each set of data, the figures of the first term's kind and those of each term."""
 
@@ -489,14 +495,21 @@ def _metrics(result: Calibration) -> Json:
             figures["after"] = {k: v if k == "count" else None for k, v in after.items()}
         return dict(figures)
 
-    content: Json = {}
-    for name, labelled in result.labelled_terms.items():
-        by_term = [
-            {"kind": term.term.kind, "label": label} | of_first_kind([term])
-            for label, term in labelled
-        ]
-        content[name] = {**of_first_kind([term for _, term in labelled]), "by_term": by_term}
-    return content
+    def of_sets(chain: str | None) -> Json:
+        content: Json = {}
+        for name, every in result.labelled_terms.items():
+            labelled = [(la, t) for la, t in every if chain in (None, t.term.poses.chain)]
+            by_term = [
+                {"kind": term.term.kind, "label": label} | of_first_kind([term])
+                for label, term in labelled
+            ]
+            content[name] = {**of_first_kind([term for _, term in labelled]), "by_term": by_term}
+        return content
+
+    terms = (term for labelled in result.labelled_terms.values() for _, term in labelled)
+    chains = dict.fromkeys(term.term.poses.chain for term in terms)
+    by_chain = {chain: of_sets(chain) for chain in chains if chain}
+    return {**of_sets(None), **({"by_chain": by_chain} if by_chain else {})}
 
 
 def _matrices(solution: Solution) -> Mapping[str, Any]:

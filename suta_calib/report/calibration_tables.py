@@ -12,6 +12,7 @@ import numpy as np
 from suta_calib.arrays import FloatArray
 from suta_calib.geometry.numbers import rpy_from_rotation
 from suta_calib.job.calibration import Calibration
+from suta_calib.report.errors import in_words
 from suta_calib.report.listing import Column, Listing, shown_as, written
 from suta_calib.report.poses import axes_with_std
 from suta_calib.solver.interface import Minimum
@@ -84,10 +85,8 @@ NOTE_GIVEN: Final = (
 
 
 # ── held-out errors, each with the label of the job's row ────────────────────────────────────
-def _of(errors: HeldOutErrors) -> str:
-    """What kind of observation, and what of it, where the kind does not say so already."""
-    kind = errors.term.kind.replace("_", " ")
-    return kind if kind.endswith(errors.name) else f"{kind} {errors.name}"
+def _of_held_out(row: tuple[str, HeldOutErrors]) -> str:
+    return in_words(row[1].term.kind, row[1].name, row[1].term.poses.chain)
 
 
 def _rms(key: str, heading: str, name: str) -> Column[HeldOutErrors]:
@@ -124,7 +123,7 @@ _HELD_OUT: Final = (
 )
 HELD_OUT: Final = Listing[tuple[str, HeldOutErrors]](
     "Validation errors per axis: measured and predicted",
-    Column("kind", "of", lambda row: row[1].term.kind, cell=lambda row: _of(row[1])),
+    Column("kind", "of", lambda row: row[1].term.kind, cell=_of_held_out),
     Column("label", None, lambda row: row[0]),
     *(column.over(lambda row: row[1]) for column in _HELD_OUT),
     key="held_out",

@@ -61,6 +61,7 @@ class KindErrors:
         name: ``distance``, ``position`` or ``rotation``.
         unit: m or rad.
         before, after: (n,) with the nominal and with the calibrated arm.
+        chain: of which chain of a robot, where they are told apart.
     """
 
     kind: str
@@ -68,6 +69,7 @@ class KindErrors:
     unit: Unit
     before: FloatArray
     after: FloatArray
+    chain: str = ""
 
     @property
     def metrics(self) -> tuple[Metrics, Metrics]:
@@ -77,22 +79,33 @@ class KindErrors:
     @property
     def quantity(self) -> str:
         """What was compared, in words: ``pairwise distance``, ``tracked point position``."""
-        kind = self.kind.replace("_", " ")
-        return kind if self.name in kind else f"{kind} {self.name}"
+        return in_words(self.kind, self.name, self.chain)
 
 
-def by_kind(terms: Sequence[TermAccuracy]) -> list[KindErrors]:
-    """Errors of all terms, one entry for each kind and quantity, in the order of the terms."""
-    blocks_by_kind: dict[tuple[str, str, Unit], list[tuple[BlockErrors, float]]] = {}
+def in_words(kind: str, name: str, chain: str = "") -> str:
+    """What of a kind of observation, and of which chain: ``left: tracked point position``."""
+    kind = kind.replace("_", " ")
+    what = kind if name in kind else f"{kind} {name}"
+    return f"{chain}: {what}" if chain else what
+
+
+def by_kind(terms: Sequence[TermAccuracy], *, by_chain: bool = False) -> list[KindErrors]:
+    """Errors of all terms, one entry for each kind and quantity, in the order of the terms.
+
+    Args:
+        terms: whose errors.
+        by_chain: whether there is an entry for each chain of a robot.
+    """
+    blocks_by_kind: dict[tuple[str, str, str, Unit], list[tuple[BlockErrors, float]]] = {}
     for term in terms:
+        of = term.term.poses.chain if by_chain else "", term.term.kind
         for block in term.blocks:
-            blocks_by_kind.setdefault((term.term.kind, block.name, block.unit), []).append(
-                (block, 1.0)
-            )
+            blocks_by_kind.setdefault((*of, block.name, block.unit), []).append((block, 1.0))
             if block.pixel is not None:
                 # The same errors, as they were seen.
-                in_picture = term.term.kind, block.name, PIXELS
-                blocks_by_kind.setdefault(in_picture, []).append((block, block.pixel))
+                blocks_by_kind.setdefault((*of, block.name, PIXELS), []).append(
+                    (block, block.pixel)
+                )
     return [
         KindErrors(
             kind,
@@ -100,8 +113,9 @@ def by_kind(terms: Sequence[TermAccuracy]) -> list[KindErrors]:
             unit,
             np.concatenate([b.before / scale for b, scale in blocks]),
             np.concatenate([b.after / scale for b, scale in blocks]),
+            chain,
         )
-        for (kind, name, unit), blocks in blocks_by_kind.items()
+        for (chain, kind, name, unit), blocks in blocks_by_kind.items()
     ]
 
 
@@ -157,7 +171,9 @@ def errors_table(
 
 def errors_in_short(sets: Mapping[str, Sequence[TermAccuracy]]) -> Table:
     """A row for each kind of the data: RMS before and after, for a console."""
-    rows = [(name, errors) for name, terms in sets.items() for errors in by_kind(terms)]
+    rows = [
+        (name, errors) for name, terms in sets.items() for errors in by_kind(terms, by_chain=True)
+    ]
     return ERRORS_IN_SHORT.of(rows, place="console")
 
 
@@ -197,10 +213,11 @@ def far_rows(terms: Sequence[TermAccuracy]) -> Iterator[Text]:
 def _accuracy_rows(name: str, terms: Sequence[TermAccuracy]) -> Iterator[AccuracyRow]:
     if not terms:
         yield AccuracyRow(name, "no such data", NOTHING, QuantityErrors(None, "m"))
-    kinds = by_kind(terms)
+    kinds = by_kind(terms, by_chain=True)
     for errors in kinds:
         before, after = errors.metrics
-        what = errors.quantity if len({e.kind for e in kinds}) > 1 else errors.name
+        several = len({(e.kind, e.chain) for e in kinds}) > 1
+        what = errors.quantity if several else errors.name
         what = f"{what}, {units.unit_name(errors.unit)}"
         yield AccuracyRow(name, what, "before", QuantityErrors(before, errors.unit))
         better = units.percent(before.rms, after.rms)
@@ -260,22 +277,30 @@ class BlockRows:
 
 # ``error_…`` are norms, ``c1 … c3`` the components with their signs (only ``c1`` for distances),
 # all in the row's unit.
-RESIDUALS: Final = Listing[BlockRows](
-    "Every error, before and after",
-    Column("set", None, lambda row: row.data),
-    Column("kind", None, lambda row: row.term.term.kind),
-    Column("label"),
-    Column("quantity", None, lambda row: row.block.name),
-    Column("what", None, lambda row: row.block.labels),
-    Column("samples", None, BlockRows.samples),
-    Column("unit", None, lambda row: units.unit_name(row.block.unit)),
-    Column("error_before", None, lambda row: row.numbers("before")),
-    Column("error_after", None, lambda row: row.numbers("after")),
+_RESIDUALS: Final = (
+    Column[BlockRows]("set", None, lambda row: row.data),
+    Column[BlockRows]("kind", None, lambda row: row.term.term.kind),
+    Column[BlockRows]("label"),
+    Column[BlockRows]("quantity", None, lambda row: row.block.name),
+    Column[BlockRows]("what", None, lambda row: row.block.labels),
+    Column[BlockRows]("samples", None, BlockRows.samples),
+    Column[BlockRows]("unit", None, lambda row: units.unit_name(row.block.unit)),
+    Column[BlockRows]("error_before", None, lambda row: row.numbers("before")),
+    Column[BlockRows]("error_after", None, lambda row: row.numbers("after")),
     *(
-        Column(f"c{k + 1}_{state}", None, methodcaller("numbers", f"residual_{state}", k))
+        Column[BlockRows](
+            f"c{k + 1}_{state}", None, methodcaller("numbers", f"residual_{state}", k)
+        )
         for state in ("before", "after")
         for k in range(3)
     ),
+)
+RESIDUALS: Final = Listing[BlockRows]("Every error, before and after", *_RESIDUALS)
+RESIDUALS_OF_CHAINS: Final = Listing[BlockRows](
+    RESIDUALS.title,
+    _RESIDUALS[0],
+    Column("chain", None, lambda row: row.term.term.poses.chain),
+    *_RESIDUALS[1:],
 )
 
 

@@ -75,8 +75,8 @@ def truth_text(simulation: Simulation) -> str:
     """
     sets, parameters = simulation.spec.sets, {}
     # Not where the URDF has it, so that its readers need the values though they are right.
-    moved = simulation.spec.tip_offset is not None
-    tip = simulation.arm.segments[-1].names(*POSITION) if moved else []
+    tips = simulation.spec.arm.tips.items()
+    tip = [f"{name}.{k}" for name, offset in tips if offset is not None for k in POSITION]
     for name, value in simulation.values.items():
         nominal, unit = simulation.arm.offered[name].nominal, simulation.arm.offered[name].unit
         if value != nominal or name in tip:
@@ -185,8 +185,10 @@ def still_empty(simulation: Simulation, folder: Path) -> list[Path]:
 
 def _is_empty(path: Path, simulation: Simulation) -> bool:
     # A file of another table may be worth keeping.
-    joints = {*simulation.arm.joints}
-    return has_no_rows(path) and joints <= {*path.read_text("utf-8-sig").strip().split(",")}
+    if not has_no_rows(path):
+        return False
+    columns = {*path.read_text("utf-8-sig").strip().split(",")}
+    return any({*arm.own_joints} <= columns for arm in simulation.arm.arms)
 
 
 def _check_strangers(strangers: Sequence[Path]) -> None:

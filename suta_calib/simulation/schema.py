@@ -12,27 +12,25 @@ from typing import Any, Final, TypeVar
 import numpy as np
 
 from suta_calib.arguments import checked
+from suta_calib.arm_keys import CHAIN_KEYS, ArmSpec, read_arm
 from suta_calib.arrays import FloatArray
 from suta_calib.display import Displayable
-from suta_calib.errors import JobError, ParameterError
-from suta_calib.inputs import UrdfFile
+from suta_calib.errors import JobError
 from suta_calib.measurements import YamlSection, read_yaml
 from suta_calib.measurements.fields import (
-    BASE,
     DIRECTION,
     FILE,
     FLAG,
     POSE,
     POSITION,
     TEXTS,
-    TIP,
-    URDF,
     XYZ_MM,
     Field,
     Fields,
     Value,
     choice,
     cone,
+    fields_of,
     mapping,
     quantity,
     rows,
@@ -40,7 +38,6 @@ from suta_calib.measurements.fields import (
 )
 from suta_calib.measurements.samples import TEMPERATURES
 from suta_calib.measurements.yaml_file import Sign
-from suta_calib.model.arm import ArmModel
 from suta_calib.simulation.noise import NoiseLevels, OutlierSpec
 from suta_calib.terms import KINDS, Term
 from suta_calib.units import REFERENCE_TEMPERATURE, Unit, key, stored
@@ -109,6 +106,8 @@ class SetSpec(Displayable):
         temperature: lowest and highest of the arm, °C; None where no file says.
         payloads: masses that the tip carries, one of them in each sample, kg; empty for none.
         payload_place: (3,) where their centre is in the frame of the tip, m.
+        chain: whose samples they are, where the arm has several chains.
+        base_chain: the chain from whose tip it is seen or touched; empty for its own base.
     """
 
     name: str
@@ -131,6 +130,8 @@ class SetSpec(Displayable):
     temperature: tuple[float, float] | None = None
     payloads: tuple[float, ...] = ()
     payload_place: tuple[float, ...] = (0.0, 0.0, 0.0)
+    chain: str = ""
+    base_chain: str = ""
 
     @property
     def term(self) -> type[Term]:
@@ -149,9 +150,7 @@ class SimulationSpec(Displayable):
 
     Attributes:
         path: the file.
-        urdf, tip, base: the nominal arm and the ends of its chain; base None for the root link.
-        tip_offset: (3,) where the tip is in the frame that the URDF has for it, m; None for its
-            origin.
+        arm: the nominal arm, or the chains of a robot.
         seed: of every random number.
         posture: where the first search for a posture starts; joints that are not named start at
             the middle of their range.
@@ -160,27 +159,11 @@ class SimulationSpec(Displayable):
     """
 
     path: Path
-    urdf: UrdfFile
-    tip: str
-    base: str | None
+    arm: ArmSpec
     seed: int
     posture: tuple[PostureRow, ...]
     errors: tuple[ErrorRow, ...]
     sets: tuple[SetSpec, ...]
-    tip_offset: FloatArray | None = None
-
-    def on(self, arm: ArmModel) -> ArmModel:
-        """The nominal arm with its tip at `tip_offset`.
-
-        Raises:
-            JobError: the tip is on a link that moves, and so has no placement of its own.
-        """
-        if self.tip_offset is None:
-            return arm
-        try:
-            return arm.with_tip_moved(self.tip_offset)
-        except ParameterError as problem:
-            raise JobError.of(problem, self.path, None) from None
 
 
 def named(parent: YamlSection, under: str, read: Callable[[str, YamlSection], T]) -> dict[str, T]:
@@ -230,16 +213,6 @@ def _read_seat(section: YamlSection, name: str) -> tuple[float, ...]:
     return tuple(offsets.get(field.attribute, 0.0) for field in SEAT_KEYS)
 
 
-ARM_KEYS: Final = Fields(
-    URDF,
-    TIP,
-    BASE,
-    Field(
-        "tip_offset_mm",
-        XYZ_MM,
-        "Position of a probe in the frame of the tip; a job may estimate it.",
-    ),
-)
 # A point has no orientation.
 POINT_KEYS: Final = Fields(POSITION)
 # Of what an arm's parameters may be.
@@ -297,6 +270,7 @@ def common_set_keys(kind: type[Term]) -> Fields:
     """The keys of a set beside those that the kind itself reads."""
     return Fields(
         Field("kind", choice(KINDS), "Kind of the observation.", required=True),
+        *CHAIN_KEYS,
         Field("noise", mapping(NoiseLevels), f"{_NOISE}; replaces the noise of the file."),
         Field("outliers", mapping(OutlierSpec), "Outliers among the samples; default none."),
         *_medium_keys(kind),
@@ -390,7 +364,12 @@ def _medium_keys(kind: type[Term]) -> tuple[Field, ...]:
 
 
 SIMULATION_KEYS: Final = Fields(
-    Field("arm", mapping(ARM_KEYS), "The nominal arm: URDF, tip and base.", required=True),
+    Field(
+        "arm",
+        Value("mapping", inside=fields_of(ArmSpec)),
+        "The nominal arm: as in calibration.yaml.",
+        required=True,
+    ),
     Field("seed", whole_number(0), "Seed of all random numbers; default 0."),
     Field(
         "posture_deg",
@@ -421,13 +400,17 @@ def read_simulation(path: str | Path) -> SimulationSpec:
     top = YamlSection(read_yaml(Path(path), JobError), JobError)
     values = SIMULATION_KEYS.read(top)
     noise = values.get("noise", NoiseLevels())
+    arm = read_arm(top)
+    sets = named(top, "sets", lambda name, section: _set(name, section, noise))
+    for name, plan in sets.items():
+        arm.check_chain(top.section("sets").section(name), plan.chain, plan.base_chain)
     return SimulationSpec(
         Path(path),
-        **{"base": None, **values["arm"]},
+        arm,
         seed=values.get("seed", 0),
         posture=_posture(top),
         errors=values.get("errors", ()),
-        sets=tuple(named(top, "sets", lambda name, section: _set(name, section, noise)).values()),
+        sets=tuple(sets.values()),
     )
 
 

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from suta_calib.arguments import checked
+from suta_calib.arm_keys import seen_from
 from suta_calib.arrays import FloatArray
 from suta_calib.display import Displayable
 from suta_calib.errors import JobError, ParameterError
@@ -20,6 +21,7 @@ from suta_calib.measurements import Artefact, Board, Corners, Samples, corners_o
 from suta_calib.measurements.sample_files import check_joint_names
 from suta_calib.model.arm import ArmModel
 from suta_calib.model.parameters import Parameter
+from suta_calib.model.robot import AnyArm
 from suta_calib.simulation.inverse_kinematics import InverseKinematics, Targets
 from suta_calib.simulation.noise import (
     encoder_readings,
@@ -66,8 +68,8 @@ class Simulation(Displayable):
     Attributes:
         spec: the description.
         seed: that was used.
-        arm: the nominal arm.
-        values: true values of all the arm's parameters, m or rad.
+        arm: the nominal arm, or the robot with its chains.
+        values: true values of all its parameters, m or rad.
         outside: by the name of the set, the true poses of what stands outside the arm.
         artefacts: by the name of the set, the true artefact it was made with.
         files: the samples.
@@ -75,7 +77,7 @@ class Simulation(Displayable):
 
     spec: SimulationSpec
     seed: int
-    arm: ArmModel
+    arm: AnyArm
     values: dict[str, float]
     outside: dict[str, tuple[TruePose, ...]]
     artefacts: dict[str, Artefact]
@@ -99,12 +101,19 @@ def simulate(
         SamplesError: a joint is called as a column of the samples.
     """
     seed = spec.seed if seed is None else seed
-    arm = spec.on(ArmModel.from_urdf(spec.urdf, spec.tip, spec.base))
-    for plan in spec.sets:
-        check_joint_names(arm.joints, plan.term.columns)
+    arm = spec.arm.mechanism((plan.chain, plan.base_chain) for plan in spec.sets)
     values = true_values(arm, spec, seed)
-    kinematics = InverseKinematics(arm, values)
-    visitor = Visitor(spec, kinematics, _posture(spec, kinematics), seed)
+
+    @cache
+    def visitor_of(chain: str) -> Visitor:
+        one = arm if isinstance(arm, ArmModel) else arm.chains[chain]
+        kinematics = InverseKinematics(one, {n: v for n, v in values.items() if n in one.offered})
+        return Visitor(spec, kinematics, _posture(spec, kinematics, arm), seed)
+
+    visitors = {plan.name: visitor_of(seen_from(plan.chain, plan.base_chain)) for plan in spec.sets}
+    for plan in spec.sets:
+        joints = visitors[plan.name].kinematics.arm.joints
+        check_joint_names(joints, plan.term.columns)
     certified = cache(read_artefact)  # of several sets one file
     artefacts = {
         p.name: _true_artefact(p, certified(p.artefact), seed)
@@ -113,10 +122,11 @@ def simulate(
     }
     files: list[SimulatedFile] = []
     for plan in spec.sets:
+        visitor = visitors[plan.name]
         for label in plan.places or ("samples",):
             progress(f"{plan.name}/{label}.csv")
             if plan.term.medium != "touch":
-                files.append(_sighted_samples(plan, label, kinematics, values, seed))
+                files.append(_sighted_samples(plan, label, visitor.kinematics, seed))
                 continue
             place, touched = plan.places[label], artefacts.get(plan.name)
             visits = (
@@ -126,14 +136,19 @@ def simulate(
             )
             files.append(_touched(plan, visits, visitor))
     outside = {
-        plan.name: true_poses(plan, arm, Samples.concatenate(parts), artefacts.get(plan.name))
+        plan.name: true_poses(
+            plan,
+            visitors[plan.name].kinematics.arm,
+            Samples.concatenate(parts),
+            artefacts.get(plan.name),
+        )
         for plan in spec.sets
         for parts in [[f.samples for f in files if f.path.startswith(f"{plan.name}/")]]
     }
     return Simulation(spec, seed, arm, values, outside, artefacts, tuple(files))
 
 
-def true_values(arm: ArmModel, spec: SimulationSpec, seed: int) -> dict[str, float]:
+def true_values(arm: AnyArm, spec: SimulationSpec, seed: int) -> dict[str, float]:
     """True values of all the arm's placements and offsets, nominal where no row names them.
 
     Gain, eccentricity, compliance and masses are among them only where a row gives them.
@@ -142,7 +157,7 @@ def true_values(arm: ArmModel, spec: SimulationSpec, seed: int) -> dict[str, flo
     leaves the others' parameters as they were.
 
     Args:
-        arm: the nominal arm.
+        arm: the nominal arm, or the robot.
         spec: whose ``errors`` are applied; later rows win.
         seed: of the drawn errors.
 
@@ -193,19 +208,19 @@ def _error(
     )
 
 
-def _posture(spec: SimulationSpec, kinematics: InverseKinematics) -> FloatArray:
-    posture = kinematics.middle
-    arm = kinematics.arm
+def _posture(spec: SimulationSpec, kinematics: InverseKinematics, robot: AnyArm) -> FloatArray:
+    posture, arm = kinematics.middle, kinematics.arm
     for row in spec.posture:
         place: dict[str, Any] = {"file": spec.path, "line": row.line, "where": row.key}
-        if row.joint not in arm.joints:
-            raise JobError(f"no joint {row.joint!r}", f"one of {', '.join(arm.joints)}", **place)
-        unit = arm.units[row.joint]
+        if row.joint not in robot.joints:
+            raise JobError(f"no joint {row.joint!r}", f"one of {', '.join(robot.joints)}", **place)
+        unit = robot.units[row.joint]
         if row.unit != unit:
             raise JobError(
                 f"a reading in {row.unit}", f"a reading in {unit} for this joint", **place
             )
-        posture[arm.joints.index(row.joint)] = row.reading
+        if row.joint in arm.joints:
+            posture[arm.joints.index(row.joint)] = row.reading
     return posture
 
 
@@ -258,10 +273,11 @@ def _read_numbers(
 
 
 def _sighted_samples(
-    plan: SetSpec, label: str, kinematics: InverseKinematics, values: Mapping[str, float], seed: int
+    plan: SetSpec, label: str, kinematics: InverseKinematics, seed: int
 ) -> SimulatedFile:
     """What an external instrument sees of the tip, or a camera on it, in random configurations."""
-    arm, noise, random = kinematics.arm, plan.noise, partial(stream, seed, plan.name)
+    arm, values = kinematics.arm, kinematics.values
+    noise, random = plan.noise, partial(stream, seed, plan.name)
     rests = _in_sight(plan, kinematics, values, random("configurations"))
     # At every rest each of the marks is seen.
     marks = list(plan.marks)

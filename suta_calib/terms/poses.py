@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.spatial import KDTree
 
+from suta_calib.arm_keys import seen_from
 from suta_calib.arrays import FloatArray, IntArray
 from suta_calib.errors import SamplesError
 from suta_calib.measurements.sample_files import JointRange, check_readings
@@ -47,6 +48,11 @@ class PoseSource(ABC):
 
     def __repr__(self) -> str:
         return f"<{type(self).__name__}: {len(self)} poses>"
+
+    @property
+    def chain(self) -> str:
+        """Which of several chains of a robot has them; empty where there is only one."""
+        return ""
 
     @cached_property
     def rests(self) -> IntArray:
@@ -132,6 +138,12 @@ class ArmPoses(PoseSource):
         # Readings that are looked at to learn how far the tip reaches: an average needs no more.
         self._levers = _Levers(arm, samples.q[:: 1 + len(samples) // 50])
         self._standing = _Standing(samples.q, loads=samples.payload)
+
+    @property
+    def chain(self) -> str:
+        """As a job calls it: ``left``, or ``left seen from right``."""
+        bodies = self.arm.bodies
+        return seen_from(bodies.tip, bodies.base)
 
     @property
     def reach(self) -> float:

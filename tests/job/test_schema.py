@@ -10,9 +10,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from suta_calib.arm_keys import ArmSpec
 from suta_calib.errors import JobError
 from suta_calib.job.schema import (
-    ArmSpec,
     JobSpec,
     ObservationSpec,
     SolverSpec,

@@ -109,7 +109,7 @@ def test_the_tip_may_be_that_of_a_probe(folder: Folder) -> None:
 
 def test_a_probe_on_a_link_that_moves_is_refused(folder: Folder) -> None:
     header = HEADER.replace("tip: tip}", "tip: joint_6, tip_offset_mm: [0, 0, 90]}")
-    with pytest.raises(JobError, match=r"simulation\.yaml: arm\.tip_offset_mm: found .* joint_6"):
+    with pytest.raises(JobError, match=r"simulation\.yaml:2: arm\.tip_offset_mm: found .* joint_6"):
         folder.simulate(header + f"    kind: fixed_point\n{SETS['fixed_point']}")
 
 

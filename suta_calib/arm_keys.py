@@ -1,0 +1,412 @@
+"""The key ``arm`` of a job or a simulation: a robot, its chains, and what no URDF says of it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field, replace
+from functools import partial
+from pathlib import Path
+from typing import Any, Final, TypeVar
+
+from suta_calib.display import Displayable
+from suta_calib.errors import JobError, ParameterError, UrdfError, did_you_mean
+from suta_calib.inputs import UrdfFile
+from suta_calib.measurements import YamlSection
+from suta_calib.measurements.fields import (
+    BASE,
+    LENGTH,
+    TEXT,
+    TIP,
+    URDF,
+    XYZ_MM,
+    Field,
+    Fields,
+    Value,
+    choice,
+    fields_of,
+    keyed,
+    read_as,
+    rows,
+)
+from suta_calib.measurements.scale import GRADES
+from suta_calib.model.arm import ArmModel
+from suta_calib.model.loop import Loop
+from suta_calib.model.parameters import POSITION, Selection, coupling_key
+from suta_calib.model.robot import Robot
+from suta_calib.units import from_mm
+
+_AnyMechanism = TypeVar("_AnyMechanism", ArmModel, Robot)
+
+TIP_OFFSET_KEYS: Final = Fields(
+    Field("position_mm", XYZ_MM, "Approximate position of the tip.", required=True),
+    Field("bound_mm", LENGTH, "Largest distance from there.", given_attribute="bound"),
+    Field(
+        "prior_mm",
+        LENGTH,
+        "Standard deviation of its distance from there.",
+        given_attribute="prior",
+    ),
+)
+
+
+@dataclass(frozen=True)
+class TipOffset:
+    """Where the tip is in the frame that the URDF says it is.
+
+    It becomes part of the tip's own placement ``tip.x|y|z``, and so of a calibrated URDF.
+
+    Attributes:
+        position: x, y, z along the axes of the URDF's tip, m.
+        bound, prior: half-width of the bounds and standard deviation of a prior about it, m, where
+            it is to be found; without either it is taken as given.
+        file, line: of the job, for messages.
+    """
+
+    position: tuple[float, float, float]
+    bound: float | None = None
+    prior: float | None = None
+    file: Path | None = None
+    line: int | None = None
+
+    @classmethod
+    def read(cls, arm: YamlSection, key: str) -> TipOffset:
+        """``[x, y, z]``, or ``{position_mm, bound_mm, prior_mm}``.
+
+        Raises:
+            JobError: a key that is unknown, missing or unusable.
+        """
+        if isinstance(arm.data[key], list):
+            x, y, z = (from_mm(coordinate) for coordinate in arm.numbers(key, 3))
+            return cls((x, y, z), file=arm.document.path, line=arm.line)
+        section = arm.section(key)
+        values = TIP_OFFSET_KEYS.read(section)
+        x, y, z = values.pop("position").tolist()
+        if not values:
+            raise section.refuse(
+                "an offset to be estimated, without bound_mm or prior_mm",
+                "bound_mm or prior_mm beside position_mm",
+                hint=f"a known one is {key}: [x, y, z]",
+            )
+        return cls((x, y, z), **values, file=section.document.path, line=section.line)
+
+    def selection(self, tip: str) -> Selection:
+        """The row that names it among a job's parameters."""
+        names = tuple(f"{tip}.{key}" for key in POSITION)
+        given = self.bound is None and self.prior is None
+        return Selection(names, bound_m=self.bound, prior_m=self.prior, fixed=given, line=self.line)
+
+    def on(self, arm: _AnyMechanism, tip: str) -> _AnyMechanism:
+        """The arm, or the robot, with a tip there.
+
+        Args:
+            arm: at nominal.
+            tip: name of the tip, of whichever chain.
+
+        Raises:
+            JobError: the tip is on a link that moves, and so has no placement of its own.
+        """
+        chain = next(chain for chain in arm.arms if chain.tip == tip)
+        try:
+            moved = chain.with_tip_moved(self.position).parameters
+            names = [f"{tip}.{key}" for key in POSITION]
+            return arm.at({name: moved[name].nominal for name in names})
+        except ParameterError as problem:
+            raise JobError.of(problem, self.file, self.line) from None
+
+
+LOOP_KEYS: Final = Fields(
+    Field(
+        "frames",
+        Value("two links", YamlSection.texts),
+        "Two links or frames of the URDF whose origins coincide on the pin that closes the loop.",
+        required=True,
+    ),
+    Field(
+        "passive",
+        Value("two joints", YamlSection.texts),
+        "The two joints of the loop that have no encoder: they follow the others.",
+        required=True,
+    ),
+)
+
+
+def read_loop(row: YamlSection) -> Loop:
+    """One row of ``loops``.
+
+    Raises:
+        JobError: a key that is unknown or missing, or another number of names than two.
+    """
+    values = LOOP_KEYS.read(row)
+    for key, names in values.items():
+        if len(names) != 2:
+            raise row.refuse(f"{len(names)} names", "two names", at=(key,))
+    return Loop(**values, line=row.line)
+
+
+@dataclass(frozen=True)
+class Couplings:
+    """How far readings of other joints move a joint, where that is known beforehand.
+
+    They are nominal values of ``joint.coupling[other]``, which a job's rows may free like any
+    other parameter.
+
+    Attributes:
+        ratios: by name of the parameter: what the joint turns (or slides) for one unit of the
+            other's reading, beside its own.
+        section: where the job says so, for messages.
+    """
+
+    ratios: dict[str, float]
+    section: YamlSection = field(repr=False, compare=False)
+
+    @classmethod
+    def read(cls, arm: YamlSection, key: str) -> Couplings:
+        """``couplings: {joint_3: {joint_2: -1}}``.
+
+        Raises:
+            JobError: not a mapping of joints to mappings of joints to numbers.
+        """
+        section = arm.section(key)
+        ratios = {
+            f"{joint}.{coupling_key(other)}": of_joint.number(other)
+            for joint in section.data
+            for of_joint in [section.section(joint)]
+            for other in of_joint.data
+        }
+        return cls(ratios, section)
+
+    @property
+    def selection(self) -> Selection:
+        """The row that names them among a job's parameters, so that a result says what they are."""
+        return Selection(tuple(self.ratios), fixed=True, line=self.section.line)
+
+    def on(self, arm: _AnyMechanism) -> _AnyMechanism:
+        """The arm with its joints coupled so.
+
+        Raises:
+            JobError: the arm has no such joints, or they cannot be coupled.
+        """
+        for joint, masters in self.section.data.items():
+            possible = [arm.couplings[n] for n in arm.couplings if arm.offered[n].owner == joint]
+            if not possible:
+                joints = dict.fromkeys(arm.offered[n].owner for n in arm.couplings)
+                expected = f"one of {', '.join(joints)}" if joints else "an arm with two joints"
+                raise self.section.refuse(
+                    "no joint that can be coupled to it", expected, at=(joint,)
+                )
+            for other in masters:
+                if other not in possible:
+                    raise self.section.refuse(
+                        f"no joint whose reading can also move {joint}",
+                        f"one of {', '.join(possible)}: another joint of the chain that turns "
+                        "or slides as this one does",
+                        at=(joint, other),
+                    )
+        return arm.at(self.ratios)
+
+
+CHAIN_KEYS: Final = Fields(
+    Field("chain", TEXT, "Chain that the samples are of, where the arm has several (arm.chains)."),
+    Field(
+        "base_chain",
+        TEXT,
+        "Chain from whose tip it is seen or touched, in place of the base: a camera on the head "
+        "that sees a board in the hand, or two hands.",
+    ),
+)
+
+_TIP_OFFSET: Final = Field(
+    "tip_offset_mm",
+    Value("x, y, z in mm, or a mapping", TipOffset.read, TIP_OFFSET_KEYS),
+    "Position of the tip in that frame, for a probe that the URDF does not have. Three numbers are "
+    "fixed; with bound_mm or prior_mm the position is estimated.",
+)
+
+
+@dataclass(frozen=True)
+class ChainSpec(Displayable):
+    """One of several chains of a robot: an entry of ``arm: {chains: …}``."""
+
+    tip: str = keyed(TIP)
+    base: str | None = keyed(BASE, "", None)
+    tip_offset: TipOffset | None = keyed(_TIP_OFFSET, "", None)
+
+
+def _chains(arm: YamlSection, key: str) -> dict[str, ChainSpec]:
+    """Chains by name, no two of them with the same ends."""
+    below = arm.section(key)
+    chains = {str(name): read_as(ChainSpec, below.section(name)) for name in below.data}
+    names = dict[tuple[str, str | None], str]()
+    for name, chain in chains.items():
+        other = names.setdefault((chain.tip, chain.base), name)
+        if other != name:
+            problem = f"the tip '{chain.tip}', which is the tip of the chain {other} too"
+            hint = "name one chain in both rows of the observations"
+            raise below.refuse(problem, "another tip or base", at=(name,), hint=hint)
+    return chains
+
+
+@dataclass(frozen=True)
+class ArmSpec(Displayable):
+    """The key ``arm`` of a job; ``section`` is where it stands, None for no job."""
+
+    urdf: UrdfFile = keyed(URDF)
+    tip: str = keyed(replace(TIP, required=False), "", "")
+    base: str | None = keyed(BASE, "", None)
+    chains: Mapping[str, ChainSpec] = keyed(
+        Value("chains by name", _chains, fields_of(ChainSpec)),
+        "Several chains that share joints, in place of tip: {left: {tip: left_hand}, right: {tip: "
+        "right_hand}}. Every row of observations and validation then names its chain.",
+        dict,
+    )
+    tip_offset: TipOffset | None = keyed(_TIP_OFFSET, "", None)
+    section: YamlSection | None = field(default=None, repr=False, compare=False)
+    couplings: Couplings | None = keyed(
+        Value("by joint, numbers by joint", Couplings.read),
+        "Joints that the readings of other joints move too, as through a parallelogram: "
+        "{joint_3: {joint_2: -1}} turns joint_3 by -1 times the reading of joint_2 as well. The "
+        "number is fixed, unless a row estimates joint_3.coupling[joint_2].",
+        None,
+    )
+    loops: tuple[Loop, ...] = keyed(
+        rows(read_loop, LOOP_KEYS),
+        "Closed loops that hang on the tree of the URDF, as the four-bar of a palletizing arm: "
+        "two frames that a pin joins, and the two joints without an encoder.",
+        (),
+    )
+    grade: str = keyed(
+        choice(GRADES, "certified, machined or printed"),
+        "How the arm was made. It sets the tolerance of the dimensions that are not estimated, and "
+        "of a common scale of all lengths. Every ± that depends on them includes this tolerance. "
+        "If it is not given, the errors of the estimated dimensions set the tolerance, but never "
+        "less than that of machined parts.",
+        "",
+    )
+
+    @property
+    def tips(self) -> dict[str, TipOffset | None]:
+        """What is said of the place of every tip, by the tip's name."""
+        if self.chains:
+            return {chain.tip: chain.tip_offset for chain in self.chains.values()}
+        return {self.tip: self.tip_offset}
+
+    def ends(self, pairs: Iterable[tuple[str, str]] = ()) -> dict[str, tuple[str, str | None]]:
+        """Tip and base of every chain by name, and of chains that are seen from another's tip."""
+        chains = {n: (c.tip, c.base or self.base) for n, c in self.chains.items()}
+        for seen, seeing in pairs:
+            if seeing:
+                chains[seen_from(seen, seeing)] = (chains[seen][0], chains[seeing][0])
+        return chains
+
+    def check_chain(self, row: YamlSection, chain: str, base_chain: str) -> None:
+        """Refuse a row of a chain that is not there, and one that does not say its chain.
+
+        Raises:
+            InputError: of the row's file, at its key.
+        """
+        names = tuple(self.chains)
+        for key, name in (("chain", chain), ("base_chain", base_chain)):
+            if name and name not in names:
+                one_tip = "no such key: the arm has one tip"
+                expected = f"one of {', '.join(names)}" if names else one_tip
+                hint = did_you_mean(name, names)
+                raise row.refuse(f"'{name}'", expected, at=(key,), hint=hint)
+        if names and not chain:
+            expected = f"the chain that its samples are of: {', '.join(names)}"
+            raise row.refuse("no such key", expected, at=("chain",))
+        if chain and chain == base_chain:
+            raise row.refuse(f"'{chain}' as both", "two chains", at=("base_chain",))
+
+    def mechanism(self, pairs: Iterable[tuple[str, str]] = ()) -> ArmModel | Robot:
+        """The arm, or the robot with its chains, at nominal.
+
+        Args:
+            pairs: chains that rows name, each with the one from whose tip it is seen, or nothing.
+
+        Raises:
+            UrdfError: the file cannot be used, or has no place for the tip's offset.
+            JobError: it has no such tip, base or joints; names the job's line.
+        """
+        return self.model() if not self.chains else self._completed(partial(self._robot, pairs))
+
+    def _robot(self, pairs: Iterable[tuple[str, str]]) -> Robot:
+        return Robot.from_urdf(self.urdf, self.ends(pairs), self.loops)
+
+    def model(self, chain: str = "") -> ArmModel:
+        """The arm at nominal; of several chains the one of this name.
+
+        Raises:
+            UrdfError: the file cannot be used, or has no place for the tip's offset.
+            JobError: it has no such tip, base, joints or chain; names the job's line.
+        """
+        if not self.chains:
+            read = partial(ArmModel.from_urdf, self.urdf, self.tip, self.base, self.loops)
+            return self._completed(read)
+        if chain not in self.chains:
+            names, found = ", ".join(self.chains), f"chain '{chain}'" if chain else "several chains"
+            raise JobError(found, f"the name of one of the chains {names}", where="arm.chains")
+        return self._completed(partial(self._robot, ())).chains[chain]
+
+    def _completed(self, read: Callable[[], _AnyMechanism]) -> _AnyMechanism:
+        """What was read from the URDF, with what else the job says of it."""
+        try:
+            arm = read()
+        except UrdfError as problem:
+            if self.section is None or problem.where not in ("tip", "base"):
+                raise
+            expected = f"{problem.expected} {self.urdf}"
+            at, hint = (problem.where,) if problem.where in self.section else (), problem.hint
+            raise self.section.refuse(problem.found, expected, at=at, hint=hint) from None
+        if self.couplings is not None:
+            arm = self.couplings.on(arm)
+        return self.with_offsets(arm.of_grade(self.grade))
+
+    def with_offsets(self, arm: _AnyMechanism) -> _AnyMechanism:
+        """The arm with its tips where `tips` says.
+
+        Raises:
+            JobError: a tip is on a link that moves, and so has no placement of its own.
+        """
+        for tip, offset in self.tips.items():
+            arm = arm if offset is None else offset.on(arm, tip)
+        return arm
+
+    def model_of(self, urdf: UrdfFile) -> ArmModel:
+        """The same arm as another URDF has it, such as the calibrated one.
+
+        Raises:
+            UrdfError: the file cannot be used, or has no such tip or base.
+            JobError: it has no joints that are coupled so.
+        """
+        # The tip's offset is in the URDF already; couplings are in none.
+        return self._of(urdf).model()
+
+    def mechanism_of(
+        self, urdf: UrdfFile, pairs: Iterable[tuple[str, str]] = ()
+    ) -> ArmModel | Robot:
+        """`mechanism` of another URDF, likewise."""
+        return self._of(urdf).mechanism(pairs)
+
+    def _of(self, urdf: UrdfFile) -> ArmSpec:
+        chains = {n: replace(chain, tip_offset=None) for n, chain in self.chains.items()}
+        return replace(self, urdf=urdf, tip_offset=None, chains=chains, section=None)
+
+
+def seen_from(seen: str, seeing: str) -> str:
+    """The name of the chain that ends at one tip and begins at another; nothing for the base."""
+    return f"{seen} seen from {seeing}" if seeing else seen
+
+
+def read_arm(top: YamlSection, urdf: UrdfFile | None = None) -> ArmSpec:
+    """The key ``arm`` of a job or a simulation, ``urdf`` in place of the file that it names."""
+    section = top.section("arm")
+    # A calibrated one has the offset in it.
+    other: dict[str, Any] = {} if urdf is None else {"urdf": urdf, "tip_offset": None}
+    arm = read_as(ArmSpec, section, section=section, **other)
+    if not arm.tip and not arm.chains:
+        raise section.refuse("no such key", "tip: the link or frame of the tip", at=("tip",))
+    for key in ("tip", "tip_offset_mm"):
+        if arm.chains and key in section:
+            hint = "write it into the entry of its chain"
+            raise section.refuse(f"{key} beside chains", "one or the other", at=(key,), hint=hint)
+    return arm
