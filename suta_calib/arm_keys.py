@@ -332,8 +332,8 @@ class ArmSpec(Displayable):
     def _robot(self, pairs: Iterable[tuple[str, str]]) -> Robot:
         return Robot.from_urdf(self.urdf, self.ends(pairs), self.loops)
 
-    def model(self, chain: str = "") -> ArmModel:
-        """The arm at nominal; of several chains the one of this name.
+    def model(self, chain: str = "", base_chain: str = "") -> ArmModel:
+        """The arm at nominal; of several chains the one of this name, as a row names it.
 
         Raises:
             UrdfError: the file cannot be used, or has no place for the tip's offset.
@@ -345,7 +345,8 @@ class ArmSpec(Displayable):
         if chain not in self.chains:
             names, found = ", ".join(self.chains), f"chain '{chain}'" if chain else "several chains"
             raise JobError(found, f"the name of one of the chains {names}", where="arm.chains")
-        return self._completed(partial(self._robot, ())).chains[chain]
+        robot = self._completed(partial(self._robot, ((chain, base_chain),)))
+        return robot.chains[seen_from(chain, base_chain)]
 
     def _completed(self, read: Callable[[], _AnyMechanism]) -> _AnyMechanism:
         """What was read from the URDF, with what else the job says of it."""

@@ -311,8 +311,8 @@ class _Session:
 
 def _plan(options: MeasureOptions) -> tuple[TouchSequence, Path]:
     """What to measure, and where it goes."""
-    arm = read_arm(options.job, options.urdf)
     if options.free:
+        arm = read_arm(options.job, options.urdf)
         out = options.out or options.job.parent / f"free_{options.repeat}.csv"
         return repeated(arm, None, None, options.repeat, options.rests), out
     ((place, label),) = options.labels.items()
@@ -327,6 +327,7 @@ def _plan(options: MeasureOptions) -> tuple[TouchSequence, Path]:
             where="--observation",
             hint=f"use {flag or '--free, and add what was seen to the file'}",
         )
+    arm = read_arm(options.job, options.urdf, row.chain)
     if row.artefact is None:
         plan = repeated(arm, KINDS[row.kind], label, options.repeat, options.rests)
     else:

@@ -13,6 +13,7 @@ from itertools import takewhile
 from pathlib import Path
 from typing import Final
 
+from suta_calib.arm_keys import CHAIN_KEYS
 from suta_calib.arm_keys import read_arm as read_arm_of_job
 from suta_calib.errors import InputError, JobError, did_you_mean
 from suta_calib.inputs import UrdfFile
@@ -45,6 +46,7 @@ class ObservationRow:
         pattern: the first glob of its samples.
         seated: whether how the tip sits in its sockets is to be found, so that it must always be
             the same.
+        chain: of several chains its own, and the one from whose tip it is touched.
     """
 
     job: Path
@@ -53,6 +55,7 @@ class ObservationRow:
     artefact: Artefact | None
     pattern: str
     seated: bool = False
+    chain: tuple[str, str] = ("", "")
 
     def file(self, label: str, repeat: str) -> Path:
         """Where samples of this label go by default: the folder and the look of the glob."""
@@ -91,9 +94,14 @@ class TouchSequence:
         return tuple(self.key) if self.artefact is None else (*self.key, "landmark")
 
 
-def read_arm(job: Path, urdf: UrdfFile | None = None) -> ArmModel:
-    """The arm of a job, or the same chain of another URDF; errors as of `CalibrationJob.load`."""
-    return read_arm_of_job(read_outline(job).top, urdf).model()
+def read_arm(
+    job: Path, urdf: UrdfFile | None = None, chain: tuple[str, str] = ("", "")
+) -> ArmModel:
+    """The arm of a job, or the same chain of another URDF; errors as of `CalibrationJob.load`.
+
+    ``chain`` is that of a row, where the robot has several: `ObservationRow.chain`.
+    """
+    return read_arm_of_job(read_outline(job).top, urdf).model(*chain)
 
 
 def read_row(job: Path, which: str | None, usable: Sequence[str]) -> ObservationRow:
@@ -109,7 +117,9 @@ def read_row(job: Path, which: str | None, usable: Sequence[str]) -> Observation
     if file is None and row.kind in KINDS and KINDS[row.kind].needs_artefact:
         raise row.section.refuse("nothing", "the artefact's file", at=("artefact",))
     artefact = None if file is None else read_artefact(file)
-    return ObservationRow(job, name, row.kind, artefact, row.samples[0], "seating" in row.section)
+    seated, read = "seating" in row.section, CHAIN_KEYS.values(row.section)
+    chain = read.get("chain", ""), read.get("base_chain", "")
+    return ObservationRow(job, name, row.kind, artefact, row.samples[0], seated, chain)
 
 
 def _chosen(job: Path, kinds: Mapping[str, str], which: str | None, usable: Sequence[str]) -> str:

@@ -17,6 +17,7 @@ from suta_calib.errors import UrdfError
 from suta_calib.geometry.numbers import rotation_from_rpy
 from suta_calib.model.arm import ArmModel
 from suta_calib.model.parameters import ParameterSet
+from suta_calib.model.robot import AnyArm
 from suta_calib.terms import ArmPoses, Term
 from suta_calib.trust.accuracy import (
     Gain,
@@ -78,7 +79,7 @@ class ArmComparison:
 def compare_arms(
     observations: Sequence[Term],
     validation: Sequence[Term],
-    other: ArmModel,
+    other: AnyArm,
     beside_geometry: Mapping[str, float] = MappingProxyType({}),
     uncertainty: tuple[Sequence[str], FloatArray] | None = None,
 ) -> ArmComparison:
@@ -108,13 +109,13 @@ def compare_arms(
     return ArmComparison(terms, *added, rows_in_fit)
 
 
-def check_calibrated(nominal: ArmModel, other: ArmModel, values: Mapping[str, float]) -> None:
+def check_calibrated(nominal: AnyArm, other: AnyArm, values: Mapping[str, float]) -> None:
     """Refuse the calibrated arm (``other``) of values that were not folded into its URDF."""
     if differing := _differing(nominal, other, values):
         raise UrdfError(
             f"the origin of {differing} differs from the values of the result",
             "the calibrated.urdf that was written with this result",
-            file=other.chain.path,
+            file=other.urdf[0],
             where=differing,
         )
 
@@ -140,10 +141,10 @@ def check_nominal(nominal: ArmModel, result: Path, values: Mapping[str, float]) 
         return
 
 
-def _differing(nominal: ArmModel, other: ArmModel, values: Mapping[str, float]) -> str:
+def _differing(nominal: AnyArm, other: AnyArm, values: Mapping[str, float]) -> str:
     """The first joint whose origin is not what these values make of the nominal one, if any."""
     made = nominal.origins(values)
-    for joint in other.chain.joints:
+    for joint in (joint for chain in other.chained for joint in chain.joints):
         xyz, rpy = made.get(joint.name, (joint.xyz, joint.rpy))
         turn = rotation_from_rpy(rpy).T @ rotation_from_rpy(joint.rpy)
         difference = max(
@@ -167,15 +168,17 @@ def _fitted(
     return fit_own(validation, fixed, fit_own(sharing or validation, fixed, fitted_values))
 
 
-def _through(term: Term, arm: ArmModel) -> Term:
+def _through(term: Term, other: AnyArm) -> Term:
     """The same observations with another arm behind the readings."""
     if not isinstance(term.poses, ArmPoses):
         return term
-    expected = term.poses.arm.joints
-    if arm.joints != expected:
+    own = term.poses.arm
+    by_ends = {(arm.chain.base, arm.chain.tip): arm for arm in other.arms}
+    arm = by_ends[own.chain.base, own.chain.tip]
+    if arm.joints != own.joints:
         raise UrdfError(
             f"the moving joints {', '.join(arm.joints)}",
-            f"the joints of the job's arm: {', '.join(expected)}",
+            f"the joints of the job's arm: {', '.join(own.joints)}",
             file=arm.chain.path,
         )
     return term.over_poses(ArmPoses(arm, term.poses.samples))

@@ -44,6 +44,7 @@ class TipMapOptions(Displayable):
         tolerance: the RMS over the region that is good enough, m; None where any is.
         grid: points along each side of a section.
         seed: of the searches for postures.
+        chain: which is mapped, of a robot with several.
     """
 
     box: FloatArray | None = None
@@ -51,6 +52,7 @@ class TipMapOptions(Displayable):
     tolerance: float | None = None
     grid: int = _GRID
     seed: int = 0
+    chain: str = ""
 
 
 @dataclass(frozen=True)
@@ -183,7 +185,7 @@ def tip_map_of_solution(solution: Solution, options: TipMapOptions) -> TipMap:
         JobError: the region has no volume, the arm reaches next to nothing of it, or fewer than
             three registration points.
     """
-    situation = Situation.of(solution.problem, solution)
+    situation = Situation.of(solution.problem, solution, chain=options.chain)
     region = Region.around(situation)
     if options.box is not None:
         region = Region.box(options.box[0], options.box[1], situation)
@@ -191,7 +193,7 @@ def tip_map_of_solution(solution: Solution, options: TipMapOptions) -> TipMap:
     if artefact is not None and len(artefact.landmarks) >= len("xyz"):
         certified = np.array([mark.position for mark in artefact.landmarks.values()])
         fiducials = certified - certified.mean(axis=0)
-    knowledge = Knowledge.of(solution)
+    knowledge = Knowledge.of(solution, options.chain)
     walker = Walker(knowledge, region.axis, options.seed)
     place = _registrable(walker, situation.tips[1], fiducials)
     return _mapped(knowledge, region, place, fiducials, options)

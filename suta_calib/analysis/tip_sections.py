@@ -11,6 +11,7 @@ import numpy as np
 from scipy.spatial import KDTree
 
 from suta_calib.analysis.planning.region import Region
+from suta_calib.analysis.planning.situation import readings_of
 from suta_calib.arrays import FloatArray
 from suta_calib.display import Displayable
 from suta_calib.geometry.numbers import rotation_from_vector, vector_turning_z_to
@@ -42,18 +43,19 @@ class Knowledge(Displayable):
     open_directions: tuple[tuple[str, Mapping[str, float], float], ...] = ()
 
     @classmethod
-    def of(cls, solution: Solution) -> Knowledge:
-        """What a solution says of the arm, with the readings of its samples."""
+    def of(cls, solution: Solution, chain: str = "") -> Knowledge:
+        """What a solution says of the arm, or of a chain, with the readings of its samples."""
         problem = solution.problem
         assert problem.arm is not None
+        arm = problem.arm.chosen(chain)
         parameters, (names, covariance) = problem.arm_parameters, solution.arm_covariance
         return cls(
-            arm=problem.arm.chosen(),
+            arm=arm,
             values=solution.values,
             names=names,
             covariance=covariance,
             fixed=tuple(n for n in solution.unidentified if n in parameters),
-            visited=np.vstack([term.poses.samples.q for term in problem.terms]),
+            visited=readings_of(problem, arm),
             open_directions=tuple(
                 (c.fixed, c.direction, parameters[c.fixed].plausible)
                 for c in solution.identification.combinations

@@ -226,6 +226,11 @@ def urdf_option(about: str) -> Callable[[Command], Command]:
     return lambda command: urdf(_xacro_option(command))
 
 
+def chain_option(command: Command) -> Command:
+    """``--chain``, for what looks at one tip."""
+    return option("--chain", "Chain of the job's robot, where it has several.", default="")(command)
+
+
 def seed_option(of: str) -> Callable[[Command], Command]:
     """``--seed``, whose help says what is drawn with it."""
     return option("--seed", of, click.IntRange(min=0), 0)

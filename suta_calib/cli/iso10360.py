@@ -7,7 +7,7 @@ from pathlib import Path
 import click
 
 from suta_calib.analysis.iso10360 import acceptance_test
-from suta_calib.cli._options import PATH, Folder, option, urdf_option
+from suta_calib.cli._options import PATH, Folder, chain_option, option, urdf_option
 from suta_calib.cli._output import answer_command
 from suta_calib.inputs import UrdfFile
 from suta_calib.job.acceptance import AcceptanceJob
@@ -17,9 +17,10 @@ from suta_calib.report.iso10360 import acceptance_document
 
 @answer_command
 @click.argument("job", type=PATH, metavar="JOB.yaml")
+@chain_option
 @urdf_option("URDF to test instead of the job's, such as calibrated.urdf.")
 @option("--out", "Folder for iso10360.json, its picture and report.html.", Folder())
-def iso10360(job: Path, urdf: UrdfFile | None) -> Document:
+def iso10360(job: Path, chain: str, urdf: UrdfFile | None) -> Document:
     """Compare the errors of a measuring arm with its limits, by ISO 10360-12.
 
     JOB.yaml contains the arm, the measurements (lengths of a calibrated artefact, one point from
@@ -28,6 +29,6 @@ def iso10360(job: Path, urdf: UrdfFile | None) -> Document:
     taken, without pass or fail. The exit code is 1 if a limit is exceeded, or if the uncertainty
     does not allow a decision.
     """
-    loaded = AcceptanceJob.load(job, urdf)
+    loaded = AcceptanceJob.load(job, urdf, chain)
     answer = acceptance_document(acceptance_test(loaded))
     return answer.with_data(urdf=str(loaded.arm.chain.path), job=str(job))

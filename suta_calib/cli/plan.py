@@ -11,6 +11,7 @@ from suta_calib.analysis import planning
 from suta_calib.cli._options import (
     PATH,
     FiniteRange,
+    chain_option,
     job_argument,
     option,
     out_option,
@@ -29,6 +30,7 @@ if TYPE_CHECKING:
 
 @answer_command
 @job_argument
+@chain_option
 @option("-n", "Number of measurements to choose.", click.IntRange(1, 50), 3, name="count")
 @option("--candidates", "candidates.yaml; default: candidates within the region.", PATH)
 @option(
@@ -53,6 +55,7 @@ if TYPE_CHECKING:
 @out_option
 def plan(
     job: Path,
+    chain: str,
     count: int,
     candidates: Path | None,
     criterion: str,
@@ -71,7 +74,7 @@ def plan(
     """
     loaded = CalibrationJob.load(job)
     with LateProgress("calibrating") as progress:
-        situation = planning.situation_of_job(loaded, progress)
+        situation = planning.situation_of_job(loaded, progress, chain)
     options = planning.PlanOptions(
         count,
         criterion,

@@ -14,6 +14,7 @@ from suta_calib.cli._options import (
     PATH,
     FiniteRange,
     anyway_option,
+    chain_option,
     option,
     out_option,
     place_option,
@@ -37,6 +38,7 @@ if TYPE_CHECKING:
 
 @answer_command
 @click.argument("job", type=PATH, metavar="JOB|result.json", is_eager=True)
+@chain_option
 @urdf_option("With result.json: the nominal arm from which it was made.")
 @option("--tip", "With result.json: link or frame of the tip.")
 @option("--base", "With result.json: first link of the chain; default: the root.")
@@ -49,6 +51,7 @@ if TYPE_CHECKING:
 @out_option
 def tip_map(
     job: Path,
+    chain: str,
     urdf: UrdfFile | None,
     tip: str | None,
     base: str | None,
@@ -65,7 +68,7 @@ def tip_map(
     gives figures for a region and a map over the workspace, absolute and after registration.
     """
     tolerance = None if tolerance_mm is None else from_mm(tolerance_mm)
-    options = TipMapOptions(region, register_at, tolerance, grid, seed)
+    options = TipMapOptions(region, register_at, tolerance, grid, seed, chain)
     if urdf is not None:
         result = _of_result(job, urdf, tip, base, options, anyway=anyway)
     elif tip is not None or job.suffix.lower() == ".json":

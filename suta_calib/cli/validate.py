@@ -48,11 +48,11 @@ def validate(urdf: UrdfFile, job: Path, result: Path | None, anyway: bool) -> Do
             where="validation",
         )
     arm = loaded.spec.arm
-    other = arm.model_of(urdf)
+    other = arm.mechanism_of(urdf, loaded.spec.pairs)
     beside, uncertainty = dict[str, float](), None
     if result is not None:
         calibration = read_uncertainty(result, other, anyway=anyway)
-        check_calibrated(loaded.arm.chosen(), other, calibration.values)
+        check_calibrated(loaded.arm, other, calibration.values)
         names, factor = calibration.folded(other)
         beside, uncertainty = calibration.beside_geometry, (names, factor @ factor.T)
     compared = compare_arms(

@@ -184,12 +184,13 @@ class AcceptanceJob(Displayable):
     sections: Mapping[str, YamlSection] = field(default_factory=dict)
 
     @classmethod
-    def load(cls, path: str | Path, urdf: UrdfFile | None = None) -> AcceptanceJob:
+    def load(cls, path: str | Path, urdf: UrdfFile | None = None, chain: str = "") -> AcceptanceJob:
         """Read an ``iso10360.yaml`` or a ``calibration.yaml`` and everything it names.
 
         Args:
             path: the file; paths in it are relative to it.
             urdf: another URDF of the same arm in place of the file's, such as a calibrated one.
+            chain: which is tested, of a robot with several.
 
         Raises:
             InputError: the first thing that cannot be used: file, line or key, what was found,
@@ -198,9 +199,9 @@ class AcceptanceJob(Displayable):
         path = Path(path)
         top = YamlSection(read_yaml(path, JobError), JobError)
         if any(key in top for key in _CALIBRATION):
-            return _of_calibration(path, urdf)
+            return _of_calibration(path, urdf, chain)
         ACCEPTANCE_KEYS.check(top)
-        return replace(_tested(top, urdf), path=path, **read_judged(top))
+        return replace(_tested(top, urdf, chain), path=path, **read_judged(top))
 
     @contextmanager
     def error_context(self, key: str) -> Iterator[None]:
@@ -229,16 +230,16 @@ class AcceptanceJob(Displayable):
 
 
 # ── what was measured ────────────────────────────────────────────────────────────────────────
-def _tested(top: YamlSection, urdf: UrdfFile | None) -> AcceptanceJob:
+def _tested(top: YamlSection, urdf: UrdfFile | None, chain: str) -> AcceptanceJob:
     if "job" in top:
         for key in ("arm", *_MEASURED):
             if key in top:
                 raise top.refuse(f"{key} beside job", "one or the other", at=(key,))
-        return _of_calibration(top.existing_file("job"), urdf)
+        return _of_calibration(top.existing_file("job"), urdf, chain)
     if not any(key in top for key in _MEASURED):
         raise top.refuse("no measurements", f"one of {', '.join(_MEASURED)}")
     spec = read_arm(top, urdf)
-    arm = spec.model()
+    arm = spec.model(chain)
     sections = {key: top.section(key) for key in _MEASURED if key in top}
     job = AcceptanceJob(top.document.path, arm, sections=sections)
     for key, read in zip(_MEASURED, (_lengths, _articulation, _probing, _visits), strict=True):
@@ -326,20 +327,20 @@ def _samples(arm: ArmModel, values: Mapping[str, Any], label: str, *optional: st
 
 
 # ── from a calibration ───────────────────────────────────────────────────────────────────────
-def _of_calibration(path: Path, urdf: UrdfFile | None) -> AcceptanceJob:
+def _of_calibration(path: Path, urdf: UrdfFile | None, chain: str) -> AcceptanceJob:
     """Lengths and articulations of a calibration: from its held-out data where it has them."""
     job = CalibrationJob.load(path)
-    arm = job.arm.chosen()
+    own = arm = job.arm.chosen(chain)
     if urdf is not None:
-        arm = job.spec.arm.model_of(urdf)
-        if arm.joints != job.arm.joints:
+        arm = job.spec.arm.mechanism_of(urdf, job.spec.pairs).chosen(chain)
+        if arm.joints != own.joints:
             raise UrdfError(
                 f"the moving joints {', '.join(arm.joints)}",
-                f"those of the job's arm: {', '.join(job.arm.joints)}",
+                f"those of the job's arm: {', '.join(own.joints)}",
                 file=Path(urdf),
             )
-    lengths = _first(job, _LENGTHS)
-    points = _first(job, _ARTICULATIONS)
+    lengths = _first(job, own, _LENGTHS)
+    points = _first(job, own, _ARTICULATIONS)
     if not lengths and not points:
         raise JobError(
             f"neither {_LENGTHS.kind} nor {_ARTICULATIONS.kind}",
@@ -356,9 +357,10 @@ def _of_calibration(path: Path, urdf: UrdfFile | None) -> AcceptanceJob:
     )
 
 
-def _first(job: CalibrationJob, kind: type[_AnyTerm]) -> list[_AnyTerm]:
+def _first(job: CalibrationJob, arm: ArmModel, kind: type[_AnyTerm]) -> list[_AnyTerm]:
     """The held-out terms of a kind, or the fitted ones where none is held out."""
     for terms in (job.validation, job.observations):
-        if of_kind := [term for term in terms if isinstance(term, kind)]:
+        of_arm = (t for t in terms if isinstance(t.poses, ArmPoses) and t.poses.arm is arm)
+        if of_kind := [term for term in of_arm if isinstance(term, kind)]:
             return of_kind
     return []

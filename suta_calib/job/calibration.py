@@ -93,8 +93,7 @@ class CalibrationJob(Displayable):
     @classmethod
     def _read(cls, path: Path) -> CalibrationJob:
         spec = read_job(path)
-        rows = (*spec.observations, *spec.validation)
-        arm = spec.arm.mechanism(dict.fromkeys((row.chain, row.base_chain) for row in rows))
+        arm = spec.arm.mechanism(spec.pairs)
         try:
             parameters = arm.select(*spec.parameters)
             arm.check_masses_felt(parameters)

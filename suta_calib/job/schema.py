@@ -238,6 +238,12 @@ class JobSpec(Displayable):
         None,
     )
 
+    @property
+    def pairs(self) -> tuple[tuple[str, str], ...]:
+        """The chains that rows name, each with the one from whose tip it is seen, or nothing."""
+        rows = (*self.observations, *self.validation)
+        return tuple(dict.fromkeys((row.chain, row.base_chain) for row in rows))
+
 
 JOB_KEYS: Final = fields_of(JobSpec)
 

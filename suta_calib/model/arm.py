@@ -72,6 +72,14 @@ class Bodies:
         return body if label == "default" else f"{body}/{label}"
 
 
+def configuration_of(model: pin.Model, motions: Mapping[str, float]) -> FloatArray:
+    """The configuration of a model whose joints have moved so far, rad or m; others rest."""
+    tangent = np.zeros(model.nv)
+    for joint, amount in motions.items():
+        tangent[model.joints[model.getJointId(joint)].idx_v] = amount
+    return np.asarray(pin.integrate(model, pin.neutral(model), tangent))
+
+
 def tip_owner(chain: Chain) -> dict[str, str]:
     """By the fixed joint that carries the tip, if one does: what its parameters are called."""
     last = chain.joints[-1]
@@ -283,13 +291,14 @@ class ArmModel(Mechanism):
 
     def configuration(self, q: ArrayLike) -> FloatArray:
         """Readings (joints,) as a configuration of `model`, continuous joints included."""
+        return configuration_of(self.model, self.motions(q))
+
+    def motions(self, q: ArrayLike) -> dict[str, float]:
+        """How far each joint of the chain, and of its closed loops, moves at readings (joints,)."""
         readings = np.asarray(q, dtype=float)
         moved = self.gearing @ readings + [s.shift for s in self.movers]
         amounts = dict(zip((s.owner for s in self.movers), moved.tolist(), strict=True))
-        tangent = np.zeros(self.model.nv)
-        for joint, amount in (amounts | self.passive_angles(readings)).items():
-            tangent[self.model.joints[self.model.getJointId(joint)].idx_v] = amount
-        return np.asarray(pin.integrate(self.model, pin.neutral(self.model), tangent))
+        return amounts | self.passive_angles(readings)
 
     def passive_angles(self, q: ArrayLike) -> dict[str, float]:
         """Angles, rad, of the joints that closed loops move, by name, for readings (joints,)."""

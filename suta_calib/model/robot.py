@@ -7,6 +7,8 @@ from functools import cached_property, lru_cache
 from pathlib import Path
 from typing import final
 
+from numpy.typing import ArrayLike
+
 from suta_calib.errors import ParameterError, did_you_mean
 from suta_calib.inputs import XacroFile
 from suta_calib.model.arm import ArmModel, Bodies, tip_owner
@@ -225,6 +227,10 @@ class Robot(Mechanism):
     def origins(self, values: Mapping[str, float]) -> Origins:
         """Of the joints of all chains."""
         return {k: v for arm in self.arms for k, v in arm.origins(values).items()}
+
+    def motions(self, q: ArrayLike) -> dict[str, float]:
+        """As of `ArmModel`, of all chains."""
+        return {joint: amount for arm in self.arms for joint, amount in arm.motions(q).items()}
 
     @property
     def in_a_line(self) -> str:

@@ -100,7 +100,10 @@ class InverseKinematics:
         self._theta = np.array([(nominal | dict(values))[n] for n in (*offsets, *geometry)])
         unlimited = full_circle(self.true)
         limits = np.array([(joint.lower, joint.upper) for joint in arm.readings]).T
-        self._lower, self._upper = np.where(unlimited, [[-np.inf], [np.inf]], limits)
+        lower, upper = np.where(unlimited, [[-np.inf], [np.inf]], limits)
+        # Joints of other chains of a robot stay at zero.
+        own = np.isin(arm.joints, arm.own_joints)
+        self._lower, self._upper = np.where(own, [lower, upper], 0.0)
 
     @property
     def middle(self) -> FloatArray:

@@ -37,7 +37,7 @@ def read_calibrated(path: Path, *, anyway: bool = False) -> Calibrated:
             kind, expected, file=file, hint="the report in the same folder has its pictures"
         )
     job = load_job(data, file)
-    calibration = read_uncertainty(file, job.arm.chosen(), anyway=anyway)
+    calibration = read_uncertainty(file, job.arm, anyway=anyway)
     values = {
         name: float(numbers(entry.get("value"), (), file, name))
         for name, entry in data["parameters"].items()
@@ -54,7 +54,7 @@ def read_calibrated(path: Path, *, anyway: bool = False) -> Calibrated:
     held_out = fit_own(job.validation, job.parameters, values) if job.validation else {}
     return Calibrated(
         str(job.spec.path),
-        job.arm.chosen(),
+        job.arm,
         values,
         calibration.names,
         calibration.covariance,

@@ -24,6 +24,7 @@ from suta_calib.display import Displayable
 from suta_calib.errors import InputError
 from suta_calib.geometry.symbols import symbolic_skew
 from suta_calib.model.arm import ArmModel
+from suta_calib.model.robot import AnyArm
 from suta_calib.tracking.uncertainty import CalibrationUncertainty, numbers, read_json_object
 from suta_calib.units import from_mm
 
@@ -245,12 +246,12 @@ class Tracker:
 
 
 def matched_joints(
-    arm: ArmModel, device_joints: Sequence[str], device: Path | None = None
+    arm: AnyArm, device_joints: Sequence[str], device: Path | None = None
 ) -> IntArray:
-    """(n,) for each joint of the chain, its place among the device's.
+    """(n,) for each joint of the chain, or of all chains, its place among the device's.
 
     Raises:
         InputError: the device lacks one; names it and what the device has.
     """
-    chain = f"the chain {arm.chain.base} → {arm.tip}"
-    return columns_of(arm.joints, device_joints, chain, device)
+    chain = " and ".join(f"{chain.base} → {chain.tip}" for chain in arm.chained)
+    return columns_of(arm.joints, device_joints, f"the chain {chain}", device)

@@ -32,6 +32,7 @@ from suta_calib.model.arm import ArmModel
 from suta_calib.model.chain import ChainJoint
 from suta_calib.model.kinematics import Segment
 from suta_calib.model.parameters import OFFSET, PLACEMENT, POSITION
+from suta_calib.model.robot import AnyArm
 from suta_calib.model.urdf import folded_origin
 from suta_calib.simulation.inverse_kinematics import InverseKinematics
 from suta_calib.trust.tip import sensitivity
@@ -117,7 +118,7 @@ class CalibrationUncertainty(Displayable):
             counted=tuple(counted),
         )
 
-    def folded(self, arm: ArmModel) -> tuple[tuple[str, ...], FloatArray]:
+    def folded(self, arm: AnyArm) -> tuple[tuple[str, ...], FloatArray]:
         """The same errors as parameters of the calibrated URDF.
 
         Args:
@@ -133,7 +134,15 @@ class CalibrationUncertainty(Displayable):
         rows: list[str] = []
         blocks: list[FloatArray] = []
         estimated = [arm.offered[name] for name in self.names]
-        for joint, segment in zip(arm.chain.joints, arm.segments, strict=True):
+        done = set[str]()
+        for joint, segment in (
+            pair
+            for chain in arm.arms
+            for pair in zip(chain.chain.joints, chain.segments, strict=True)
+        ):
+            if segment.owner in done:
+                continue
+            done.add(segment.owner)
             if any(p.owner == segment.owner and p.geometric for p in estimated):
                 self._check_same(joint, segment)
                 rows += segment.names(*PLACEMENT)
@@ -188,7 +197,7 @@ def _square(spread: Mapping[str, float], names: Sequence[str]) -> FloatArray:
 
 
 def read_uncertainty(
-    path: str | Path, arm: ArmModel, *, anyway: bool = False
+    path: str | Path, arm: AnyArm, *, anyway: bool = False
 ) -> CalibrationUncertainty:
     """Read the ``result.json`` that ``suta-calib calibrate`` wrote beside the calibrated URDF.
 
@@ -222,7 +231,7 @@ def read_uncertainty(
     estimated = [name for name, entry in entries.items() if entry.get("std") is not None]
     if not entries:
         raise InputError(
-            f"no parameter of {arm.chain.path.name} among {', '.join(list(parameters)[:4])}",
+            f"no parameter of {arm.urdf[0].name} among {', '.join(list(parameters)[:4])}",
             "the result of this arm's calibration",
             file=path,
             where="parameters",

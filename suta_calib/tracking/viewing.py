@@ -7,6 +7,7 @@ from collections.abc import Callable
 
 import numpy as np
 
+from suta_calib.arrays import FloatArray
 from suta_calib.device.bus import Bus
 from suta_calib.device.description import DeviceSpec
 from suta_calib.device.reading import Reading
@@ -56,12 +57,18 @@ class LiveArm:
         arm, flags = self._calibrated.arm, reading.error[self._columns]
         q = reading.angles[self._columns]
         wrong = [name for name, flag in zip(arm.joints, flags, strict=True) if flag]
-        position, covariance = self._calibrated.tip(q[None])
+        tips = {one.bodies.tip: self._calibrated.tip(one, q[None]) for one in arm.arms}
+        position, covariance = (np.concatenate(part) for part in zip(*tips.values(), strict=True))
         label = f"not valid: error flag of {', '.join(wrong)}"
         if not wrong:
             self._viewer.move(q)
             self.shown += 1
-            std = np.sqrt(np.diagonal(covariance[0]))
-            numbers = zip(mm(position[0]), mm(std), strict=True)
-            label = ", ".join(f"{p:.2f} ± {s:.2f}" for p, s in numbers) + " mm"
+            label = "; ".join(map(_place, tips, position, covariance))
         self._viewer.show_tip(Ellipsoids.of("tip", position, covariance, UNSURE), label)
+
+
+def _place(chain: str, position: FloatArray, covariance: FloatArray) -> str:
+    """A tip (3,), m, with its standard deviations: ``left: 120.00 ± 0.10, …, … mm``."""
+    numbers = zip(mm(position), mm(np.sqrt(np.diagonal(covariance))), strict=True)
+    place = ", ".join(f"{p:.2f} ± {s:.2f}" for p, s in numbers) + " mm"
+    return f"{chain}: {place}" if chain else place

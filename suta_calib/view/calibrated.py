@@ -12,6 +12,7 @@ from suta_calib.assessment import Assessment
 from suta_calib.display import Displayable
 from suta_calib.errors import JobError
 from suta_calib.model.arm import ArmModel
+from suta_calib.model.robot import AnyArm
 from suta_calib.terms import Term
 from suta_calib.trust.accuracy import Accuracy
 from suta_calib.trust.calibration_examination import CalibrationExamination
@@ -25,7 +26,7 @@ class Calibrated(Displayable):
 
     Attributes:
         title: what was calibrated.
-        arm: at nominal.
+        arm: at nominal; or the robot with its chains.
         values: of the calibrated arm's parameters by name, m or rad.
         names, covariance: p parameters that were estimated, and (p, p) how surely.
         terms: by set (``calibration``, ``validation``): each term with the values of its own
@@ -35,7 +36,7 @@ class Calibrated(Displayable):
     """
 
     title: str
-    arm: ArmModel
+    arm: AnyArm
     values: Mapping[str, float]
     names: tuple[str, ...]
     covariance: FloatArray
@@ -72,7 +73,7 @@ class Calibrated(Displayable):
         fitted, held_out = (tuple(term.term for term in terms) for terms in sets.values())
         return cls(
             title or arm.urdf[0].name,
-            arm.chosen(),
+            arm,
             solution.values,
             *solution.arm_covariance,
             term_sets(fitted, held_out, solution.values, accuracy.held_out_values),
@@ -86,13 +87,13 @@ class Calibrated(Displayable):
         shown = ((name, *(mm(rm) for rm in rms)) for name, rms in self.rms.items())
         return ", ".join(f"{name} {a:.3g} → {b:.3g} mm RMS" for name, a, b in shown)
 
-    def tip(self, q: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Where the calibrated tip is at readings (n, joints), and how surely.
+    def tip(self, arm: ArmModel, q: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Where the calibrated tip of a chain is at readings (n, joints), and how surely.
 
         Returns:
             Positions (n, 3), m, and their covariances (n, 3, 3), m².
         """
-        at = sensitivity(self.arm, self.values, self.names, q)
+        at = sensitivity(arm, self.values, self.names, q)
         return at.position, at.jacobian @ self.covariance @ np.swapaxes(at.jacobian, 1, 2)
 
 

@@ -4,16 +4,17 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
 from scipy.special import chdtri
 
 from suta_calib.arrays import BoolArray, FloatArray
+from suta_calib.model.arm import ArmModel
 from suta_calib.plotting.look import round_down
 from suta_calib.plotting.scene import largest_of_regions
-from suta_calib.terms import Term
+from suta_calib.terms import ArmPoses, Term
 from suta_calib.trust.assessment import assess_calibration
 from suta_calib.trust.calibration_examination import CalibrationExamination
 from suta_calib.trust.tip import tip_displacements
@@ -148,17 +149,17 @@ def calibration_scene(calibrated: Calibrated, meshes: tuple[LinkMesh, ...] = ())
         for name, terms in calibrated.terms.items()
         for term, values in terms
     ]
+    errors = [_in_base(error, arms[0]) for error in errors]
     rows = _rows(errors)
     _, links = arms[0].poses(rows.q[0])
     reach = max(float(np.linalg.norm(np.ptp(places, axis=0))) for places in (links, rows.at))
     size = axes * reach
     things = list[Thing]()
     for error in errors:
-        things += surroundings(error.term, error.values, size, labelled=not things)
+        if _stands(error, arms[0]):
+            things += surroundings(error.term, error.values, size, labelled=not things)
         things.append(error.arrows)
-    # Ellipsoids that are drawn: more hide what they are about.
-    chosen = np.unique(np.linspace(0, len(rows) - 1, min(len(rows), 30)).astype(int))
-    ellipsoids = Ellipsoids.of("uncertainty", *calibrated.tip(rows.q[chosen]), UNSURE)
+    ellipsoids = _uncertainty(calibrated, [e for e in errors if _stands(e, arms[0])])
     if ellipsoids.std.max() > 0:
         things.append(ellipsoids)
     large = float(np.quantile(np.concatenate([error.norm for error in errors]), 0.9))
@@ -174,6 +175,41 @@ def calibration_scene(calibrated: Calibrated, meshes: tuple[LinkMesh, ...] = ())
         calibrated.assessment,
         calibrated.summary,
     )
+
+
+def _stands(error: TipErrors, drawn: DrawnArm) -> bool:
+    """Whether a term's chain begins where the drawing does; else what it is about moves."""
+    poses = error.term.poses
+    return not isinstance(poses, ArmPoses) or poses.arm.chain.base == drawn.base
+
+
+def _in_base(error: TipErrors, drawn: DrawnArm) -> TipErrors:
+    """The errors of a chain that begins elsewhere, such as in another hand, as they are drawn."""
+    poses = error.term.poses
+    if not isinstance(poses, ArmPoses) or _stands(error, drawn):
+        return error
+    link = drawn.links.index(poses.arm.chain.base)
+    placed = [drawn.poses(q) for q in poses.samples.q]
+    turn = np.array([rotations[link] for rotations, _ in placed])
+    origin = np.array([positions[link] for _, positions in placed])
+    at = np.einsum("nij,nj->ni", turn, error.at) + origin
+    return replace(error, at=at, vector=np.einsum("nij,nj->ni", turn, error.vector))
+
+
+def _uncertainty(calibrated: Calibrated, errors: list[TipErrors]) -> Ellipsoids:
+    """Of the tip in some samples of each chain: more would hide what they are about."""
+    by_arm: dict[ArmModel, list[FloatArray]] = {}
+    for error in errors:
+        if isinstance(error.term.poses, ArmPoses):
+            by_arm.setdefault(error.term.poses.arm, []).append(error.term.poses.samples.q)
+    at, covariance = list[FloatArray](), list[FloatArray]()
+    for arm, parts in by_arm.items():
+        q, most = np.vstack(parts), 30 // len(by_arm)
+        chosen = np.unique(np.linspace(0, len(q) - 1, min(len(q), most)).astype(int))
+        positions, covariances = calibrated.tip(arm, q[chosen])
+        at.append(positions)
+        covariance.append(covariances)
+    return Ellipsoids.of("uncertainty", np.vstack(at), np.vstack(covariance), UNSURE)
 
 
 def _factor(longest: float, length: float) -> float:

@@ -11,8 +11,9 @@ import pinocchio as pin
 
 from suta_calib.arrays import FloatArray, IntArray
 from suta_calib.display import Displayable
-from suta_calib.model.arm import ArmModel
+from suta_calib.model.arm import configuration_of
 from suta_calib.model.kinematic_urdf import pinocchio_model
+from suta_calib.model.robot import AnyArm
 from suta_calib.model.urdf_tree import read_tree
 
 
@@ -35,21 +36,21 @@ class DrawnArm(Displayable):
 
     Attributes:
         name: ``nominal`` or ``calibrated``.
-        arm: the arm.
+        arm: the arm, or the robot with its chains.
         values: of its parameters by name, m or rad; nominal where not given.
         meshes: shapes of its links; none where no file of them was found.
     """
 
     name: str
-    arm: ArmModel
+    arm: AnyArm
     values: Mapping[str, float]
     meshes: tuple[LinkMesh, ...] = ()
 
     @cached_property
     def _model(self) -> pin.Model:
-        tree = read_tree(self.arm.chain.path, self.arm.calibrated_urdf(self.values))
-        moving = {joint.name for joint in self.arm.chain.joints if joint.moving}
-        return pinocchio_model(tree, moving)
+        tree = read_tree(self.arm.urdf[0], self.arm.calibrated_urdf(self.values))
+        every = (joint for chain in self.arm.chained for joint in chain.joints)
+        return pinocchio_model(tree, {joint.name for joint in every if joint.moving})
 
     @cached_property
     def links(self) -> tuple[str, ...]:
@@ -58,9 +59,16 @@ class DrawnArm(Displayable):
 
     @cached_property
     def bones(self) -> IntArray:
-        """(n, 2) the two links of every joint of the chain, base → tip, by number in `links`."""
+        """(n, 2) the two links of every joint of the chains, base → tip, by number in `links`."""
         at = {link: k for k, link in enumerate(self.links)}
-        return np.array([[at[j.parent], at[j.child]] for j in self.arm.chain.joints], dtype=np.intp)
+        every = (joint for chain in self.arm.chained for joint in chain.joints)
+        bones = dict.fromkeys((at[joint.parent], at[joint.child]) for joint in every)
+        return np.array([*bones], dtype=np.intp)
+
+    @property
+    def base(self) -> str:
+        """The link in whose frame all is drawn: the base of the first chain."""
+        return self.arm.chained[0].base
 
     def poses(self, q: FloatArray) -> tuple[FloatArray, FloatArray]:
         """``T_base_link`` of all `links` at readings (joints,), rad or m.
@@ -69,10 +77,10 @@ class DrawnArm(Displayable):
             Rotations (links, 3, 3) and positions (links, 3), m.
         """
         model, data = self._model, self._data
-        pin.framesForwardKinematics(model, data, self.arm.configuration(q))
+        pin.framesForwardKinematics(model, data, configuration_of(model, self.arm.motions(q)))
         base, *links = (
             data.oMf[model.getFrameId(link, pin.FrameType.BODY)]
-            for link in (self.arm.chain.base, *self.links)
+            for link in (self.base, *self.links)
         )
         placed = [base.actInv(link) for link in links]
         return np.array([p.rotation for p in placed]), np.array([p.translation for p in placed])

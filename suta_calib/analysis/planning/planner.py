@@ -47,23 +47,28 @@ from suta_calib.trust.tip import Sensitivity
 
 
 @checked
-def situation_of_job(job: CalibrationJob, progress: Progress | None = None) -> Situation:
+def situation_of_job(
+    job: CalibrationJob, progress: Progress | None = None, chain: str = ""
+) -> Situation:
     """A job at its solution, or at nominal where its data are too few to be fitted yet.
 
     Args:
         job: whose data are at hand.
         progress: called with (starts done, starts).
+        chain: of several chains of a robot the one for which is planned.
 
     Raises:
         JobError: it looks at no arm.
+        ParameterError: there are several chains, and this is none of them.
     """
+    job.arm.chosen(chain)
     try:
         result = job.run(progress)
     except SamplesError:  # too little data is what a plan is for
-        return Situation.of(job.problem())
+        return Situation.of(job.problem(), chain=chain)
     judged = result.assessment
     trouble = "" if judged.usable else next(iter(judged.notes), judged.sentence)
-    return Situation.of(result.solution.problem, result.solution, trouble)
+    return Situation.of(result.solution.problem, result.solution, trouble, chain)
 
 
 def candidate_places(

@@ -36,6 +36,7 @@ class Situation(Displayable):
         lacking: how many times as large residuals are as repeats, or what is stated, scatter, where
             the model lacks something: every ± that is planned is wider by it. One where it lacks
             nothing.
+        chain: of several chains of a robot the one that is looked at.
     """
 
     problem: Problem
@@ -44,32 +45,50 @@ class Situation(Displayable):
     solved: bool
     trouble: str = ""
     lacking: float = 1.0
+    chain: str = ""
 
     @classmethod
-    def of(cls, problem: Problem, solution: Solution | None = None, trouble: str = "") -> Situation:
+    def of(
+        cls,
+        problem: Problem,
+        solution: Solution | None = None,
+        trouble: str = "",
+        chain: str = "",
+    ) -> Situation:
         """From a problem and, if the data could be fitted, its solution.
 
         Args:
             problem: the present data.
             solution: of it.
             trouble: why the solution must not be used, beside that it did not converge.
+            chain: as of the attribute.
 
         Raises:
             JobError: the terms look at no arm.
+            ParameterError: there are several chains, and this is none of them.
         """
         if problem.arm is None:
             raise JobError("observations without an arm", "samples with joint readings")
+        problem.arm.chosen(chain)
         if solution is not None and not solution.converged:
             trouble = str(solution.sentence)
         if solution is None or trouble:
-            return cls(problem, problem.start(), tuple(problem.assumed_sigmas()), False, trouble)
-        return cls(problem, solution.x, solution.noise, True, lacking=_lacking(solution))
+            sigmas = tuple(problem.assumed_sigmas())
+            return cls(problem, problem.start(), sigmas, False, trouble, chain=chain)
+        lacking = _lacking(solution)
+        return cls(problem, solution.x, solution.noise, True, lacking=lacking, chain=chain)
 
     @property
     def arm(self) -> ArmModel:
-        """The arm that all terms share."""
+        """The arm that is looked at."""
         assert self.problem.arm is not None
-        return self.problem.arm.chosen()
+        return self.problem.arm.chosen(self.chain)
+
+    @property
+    def terms(self) -> tuple[Term, ...]:
+        """The terms over it."""
+        arm = self.arm
+        return tuple(term for term in self.problem.terms if over(term, arm))
 
     @cached_property
     def values(self) -> dict[str, float]:
@@ -84,12 +103,12 @@ class Situation(Displayable):
     @property
     def samples(self) -> int:
         """Number of measured poses."""
-        return sum(len(term.poses) for term in self.problem.terms)
+        return sum(len(term.poses) for term in self.terms)
 
     @cached_property
     def readings(self) -> FloatArray:
         """(samples, joints) of all terms."""
-        return np.vstack([term.poses.samples.q for term in self.problem.terms])
+        return readings_of(self.problem, self.arm)
 
     @cached_property
     def tips(self) -> tuple[FloatArray, FloatArray]:
@@ -99,7 +118,7 @@ class Situation(Displayable):
     @property
     def touching(self) -> Term | None:
         """The first term that touches an artefact."""
-        return next((t for t in self.problem.terms if t.touched is not None), None)
+        return next((t for t in self.terms if t.touched is not None), None)
 
     @property
     def artefact(self) -> Artefact | None:
@@ -109,7 +128,7 @@ class Situation(Displayable):
     @property
     def sighted(self) -> Term | None:
         """The first term of an instrument or a camera."""
-        return next((t for t in self.problem.terms if t.medium != "touch"), None)
+        return next((t for t in self.terms if t.medium != "touch"), None)
 
     def in_sight(self, readings: FloatArray) -> BoolArray:
         """(n,) whether the instrument or the camera sees anything at readings (n, joints)."""
@@ -121,7 +140,7 @@ class Situation(Displayable):
     @property
     def places(self) -> Term | type[Term]:
         """The first term that touches places without an artefact, or the kind that would."""
-        touching = (t for t in self.problem.terms if t.medium == "touch" and t.touched is None)
+        touching = (t for t in self.terms if t.medium == "touch" and t.touched is None)
         return next(touching, None) or first_kind(artefact=False)
 
     @cached_property
@@ -213,6 +232,17 @@ class Situation(Displayable):
             by_kind.get((term.kind, block.name), other.get(block.unit, PLAIN_SIGMA))
             for block in term.blocks
         ]
+
+
+def over(term: Term, arm: ArmModel) -> bool:
+    """Whether a term's poses are those of this chain."""
+    return isinstance(term.poses, ArmPoses) and term.poses.arm is arm
+
+
+def readings_of(problem: Problem, arm: ArmModel) -> FloatArray:
+    """(samples, joints) of all terms over a chain; of all, where none is."""
+    terms = [term for term in problem.terms if over(term, arm)] or problem.terms
+    return np.vstack([term.poses.samples.q for term in terms])
 
 
 def _lacking(solution: Solution) -> float:
