@@ -35,7 +35,7 @@ from suta_calib.model.parameters import POSITION, Selection, coupling_key
 from suta_calib.model.robot import Robot
 from suta_calib.units import from_mm
 
-_AnyMechanism = TypeVar("_AnyMechanism", ArmModel, Robot)
+_AnyMechanism = TypeVar("_AnyMechanism", ArmModel, Robot, ArmModel | Robot)
 
 TIP_OFFSET_KEYS: Final = Fields(
     Field("position_mm", XYZ_MM, "Approximate position of the tip.", required=True),

@@ -18,7 +18,9 @@ from suta_calib.emulation import read_truth
 
 # Parameters that nothing can tell, so that they stay where they are drawn.
 REDUNDANT = {"two_arms": {"left_6.offset", "right_6.offset"}}
-ARMS = ("so101_printed_sheet", "camera_on_arm", "two_arms")
+ARMS = ("so101_printed_sheet", "camera_on_arm", "two_arms", "whole_robot")
+# An arm that bends needs more than its URDF.
+CARE = {"whole_robot"}
 # A parameter's error over its standard deviation that chance alone does not make.
 CHANCE = 4.0
 
@@ -75,7 +77,7 @@ def test_calibrated_it_finds_what_was_put_in(name: str, examples: Path) -> None:
     folder = examples / name
     assert cli("calibrate", folder / "calibration.yaml") == 0
     result = json.loads((folder / "results" / "result.json").read_text(encoding="utf-8"))
-    assert result["verdict"]["level"] == "good"
+    assert result["verdict"]["level"] == ("care" if name in CARE else "good")
     held_out = result["metrics"]["validation"]
     found = [held_out[state]["rms_mm"] for state in ("before", "after")]
     assert found == pytest.approx(figures(folder / "README.md"), abs=6e-4)

@@ -19,16 +19,17 @@ from suta_calib.measurements import YamlSection, read_yaml, write_text
 from suta_calib.measurements.yaml_text import yaml_text
 from suta_calib.model.arm import ArmModel
 from suta_calib.model.parameters import OFFSET, POSITION, Parameter
+from suta_calib.model.robot import AnyArm
 from suta_calib.simulation import ErrorRow, SetSpec, SimulationSpec, read_simulation, true_values
-from suta_calib.units import Unit, deg, key, mm, shown, stored
+from suta_calib.units import deg, key, mm, shown, stored
 
 
-def nominal_values(arm: ArmModel) -> dict[str, float]:
+def nominal_values(arm: AnyArm) -> dict[str, float]:
     """Every parameter of the arm at nominal, m or rad."""
     return {name: parameter.nominal for name, parameter in arm.parameters.items()}
 
 
-def read_truth(path: Path, arm: ArmModel, seed: int | None = None) -> dict[str, float]:
+def read_truth(path: Path, arm: AnyArm, seed: int | None = None) -> dict[str, float]:
     """True parameters from a ``truth.yaml``, or from the ``errors`` of a ``simulation.yaml``.
 
     Args:
@@ -56,17 +57,17 @@ def read_truth(path: Path, arm: ArmModel, seed: int | None = None) -> dict[str, 
     return nominal_values(arm) | ({} if listed is None else _values(listed, arm))
 
 
-def _values(listed: YamlSection, arm: ArmModel) -> dict[str, float]:
+def _values(listed: YamlSection, arm: AnyArm) -> dict[str, float]:
     values = {}
     for name in listed.data:
-        if name not in arm.parameters:
+        if name not in arm.offered:
             raise listed.refuse(
                 "a parameter that the arm does not have",
                 "parameters of this arm",
                 at=(name,),
-                hint=did_you_mean(name, arm.parameters),
+                hint=did_you_mean(name, arm.offered),
             )
-        unit = _written(arm.parameters[name])
+        unit = arm.offered[name].unit
         values[name] = stored(listed.section(name).number(key("value", unit)), unit)
     return values
 
@@ -136,7 +137,7 @@ def truth_text(
     for name, value in values.items():
         parameter = arm.parameters[name]
         if value != parameter.nominal:
-            unit = _written(parameter)
+            unit = parameter.unit
             error = round(shown(value - parameter.nominal, unit), 9)
             row = {key("value", unit): shown(value, unit), key("error", unit): error}
             parameters[name] = row
@@ -189,11 +190,6 @@ def write_trajectory(
         cells = [f"{value:.12g}" for value in row]
         writer.writerow([f"{time:.6f}", *cells, *(column[k] for column in labels.values())])
     write_text(path, text.getvalue())
-
-
-def _written(parameter: Parameter) -> Unit:
-    """How a truth.yaml gives a parameter: mm, or degrees (a compliance per Nm)."""
-    return "m" if parameter.unit == "m" else "rad"
 
 
 def _rounded(values: np.ndarray) -> list[float]:

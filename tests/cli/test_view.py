@@ -201,7 +201,8 @@ def test_the_arm_moves_as_the_device_reads(result: Path, device: Path) -> None:
     np.testing.assert_allclose(shown, tip, atol=1e-6)
     numbers = [float(part.split(" ± ")[0]) for part in said.text.removesuffix(" mm").split(", ")]
     np.testing.assert_allclose(numbers, 1e3 * np.array(tip), atol=6e-3)
-    assert not np.allclose(tip, calibrated.tip(viewer.scene.q[None])[0][0], atol=1e-3)
+    there, _ = calibrated.tip(calibrated.arm, viewer.scene.q[None])
+    assert not np.allclose(tip, there[0], atol=1e-3)
 
 
 def test_an_encoder_that_is_wrong_stops_the_picture(result: Path, tmp_path: Path) -> None:

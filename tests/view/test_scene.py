@@ -95,7 +95,7 @@ def test_ellipsoids_are_the_covariance_of_the_tip() -> None:
     calibrated = shown(term, values)
     (found,) = (t for t in calibration_scene(calibrated).things if isinstance(t, Ellipsoids))
     q = term.poses.samples.q[:1]
-    _, covariance = calibrated.tip(q)
+    _, covariance = calibrated.tip(calibrated.arm, q)
     axes = found.turn[0] * found.std[0]
     np.testing.assert_allclose(axes @ axes.T, covariance[0], atol=1e-14)
     assert np.linalg.det(found.turn[0]) == pytest.approx(1.0)
