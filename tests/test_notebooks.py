@@ -177,6 +177,7 @@ def test_notebooks_are_found():
         "07_where_to_measure_next",
         "08_from_pictures",
         "09_the_thesis",
+        "10_two_arms_on_a_torso",
     ]
 
 
