@@ -161,8 +161,8 @@ def test_a_command_line_gives_arguments(
     start = ("init", path, "--tip", "tip", "--out", tmp_path / "job")
     assert cli(*start, "--xacro-arg", "length:=0.6", "--xacro-arg", "gripper:=a b:=c") == 0
     spec = read_job(tmp_path / "job/calibration.yaml").arm
-    assert isinstance(spec.arm.urdf, XacroFile)
-    assert spec.arm.urdf.arguments == {"length": "0.6", "gripper": "a b:=c"}
+    assert isinstance(spec.urdf, XacroFile)
+    assert spec.urdf.arguments == {"length": "0.6", "gripper": "a b:=c"}
     assert spec.model().parameters["joint_4.z"].nominal == 0.6
     capsys.readouterr()
     for argument, says in (
