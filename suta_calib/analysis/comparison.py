@@ -15,9 +15,10 @@ from suta_calib.arrays import FloatArray
 from suta_calib.assessment import Assessment, judged
 from suta_calib.errors import UrdfError
 from suta_calib.geometry.numbers import rotation_from_rpy
-from suta_calib.model.arm import ArmModel
+from suta_calib.model.chain import Chain, chain_of
 from suta_calib.model.parameters import ParameterSet
 from suta_calib.model.robot import AnyArm
+from suta_calib.model.urdf_tree import read_tree
 from suta_calib.terms import ArmPoses, Term
 from suta_calib.trust.accuracy import (
     Gain,
@@ -111,7 +112,7 @@ def compare_arms(
 
 def check_calibrated(nominal: AnyArm, other: AnyArm, values: Mapping[str, float]) -> None:
     """Refuse the calibrated arm (``other``) of values that were not folded into its URDF."""
-    if differing := _differing(nominal, other, values):
+    if differing := _differing(nominal, other.chained, values):
         raise UrdfError(
             f"the origin of {differing} differs from the values of the result",
             "the calibrated.urdf that was written with this result",
@@ -120,31 +121,32 @@ def check_calibrated(nominal: AnyArm, other: AnyArm, values: Mapping[str, float]
         )
 
 
-def check_nominal(nominal: ArmModel, result: Path, values: Mapping[str, float]) -> None:
+def check_nominal(nominal: AnyArm, result: Path, values: Mapping[str, float]) -> None:
     """Refuse an arm from which a ``result.json`` was not made, as the URDF beside it tells."""
     names = ("calibrated.urdf", "not_usable.urdf")
     for made in filter(Path.exists, (result.with_name(name) for name in names)):
-        other = ArmModel.from_urdf(made, nominal.chain.tip, nominal.chain.base)
-        same_joints = other.joints == nominal.joints
-        if not same_joints or _differing(nominal, other, values):
-            what = (
-                f"the origin of {_differing(nominal, other, values)}"
-                if same_joints
-                else "the joints"
-            )
+        tree = read_tree(made)
+        other = [chain_of(tree, chain.tip, chain.base) for chain in nominal.chained]
+        same_joints = all(
+            [joint.name for joint in one.joints] == [joint.name for joint in its.joints]
+            for one, its in zip(other, nominal.chained, strict=True)
+        )
+        differing = _differing(nominal, other, values) if same_joints else ""
+        if not same_joints or differing:
+            what = f"the origin of {differing}" if same_joints else "the joints"
             raise UrdfError(
                 f"an arm that was not the one calibrated: {what} differ from those in {made.name}",
                 f"the URDF from which {made} was made",
-                file=nominal.chain.path,
+                file=nominal.urdf[0],
                 hint="give the URDF, --tip and --base of the calibrated job",
             )
         return
 
 
-def _differing(nominal: AnyArm, other: AnyArm, values: Mapping[str, float]) -> str:
+def _differing(nominal: AnyArm, other: Sequence[Chain], values: Mapping[str, float]) -> str:
     """The first joint whose origin is not what these values make of the nominal one, if any."""
     made = nominal.origins(values)
-    for joint in (joint for chain in other.chained for joint in chain.joints):
+    for joint in (joint for chain in other for joint in chain.joints):
         xyz, rpy = made.get(joint.name, (joint.xyz, joint.rpy))
         turn = rotation_from_rpy(rpy).T @ rotation_from_rpy(joint.rpy)
         difference = max(

@@ -26,7 +26,8 @@ from suta_calib.job.schema import JobSpec, read_job
 from suta_calib.measurements.camera import Camera
 from suta_calib.measurements.yaml_file import YamlSection, read_yaml
 from suta_calib.model.arm import ArmModel
-from suta_calib.model.chain import ChainJoint
+from suta_calib.model.chain import Chain, ChainJoint
+from suta_calib.model.robot import AnyArm
 from suta_calib.pose_calibration.eye_poses import FRAMES
 from suta_calib.tracking.provenance import made_from
 from suta_calib.tracking.uncertainty import (
@@ -68,10 +69,26 @@ class Step:
 
 @dataclass(frozen=True, eq=False)
 class CalibratedArm:
-    """An arm at nominal with the values, and their covariance, that a calibration found."""
+    """An arm at nominal with the values, and their covariance, that a calibration found.
 
-    model: ArmModel
+    Attributes:
+        model: the arm, or the robot with its chains.
+        calibration: what was found.
+        chain: of several chains the one that a format of a single chain is about.
+    """
+
+    model: AnyArm
     calibration: CalibrationUncertainty
+    chain: str = ""
+
+    @property
+    def alone(self) -> ArmModel:
+        """The only chain, or the one that was chosen.
+
+        Raises:
+            ParameterError: there are several, and none of them was.
+        """
+        return self.model.chosen(self.chain)
 
     @property
     def values(self) -> Mapping[str, float]:
@@ -86,10 +103,10 @@ class CalibratedArm:
             for name, (xyz, rpy) in self.model.origins(self.values).items()
         }
 
-    def steps(self) -> tuple[list[Step], FloatArray]:
-        """The chain from base to tip, and the fixed transform (4, 4) that is left at its end."""
+    def steps(self, chain: Chain) -> tuple[list[Step], FloatArray]:
+        """A chain from base to tip, and the fixed transform (4, 4) that is left at its end."""
         pose, steps = np.eye(4), list[Step]()
-        for joint in self.model.chain.joints:
+        for joint in chain.joints:
             origin = self.origins[joint.name]
             if not joint.climbed:
                 pose = pose @ origin
@@ -101,10 +118,26 @@ class CalibratedArm:
         return steps, pose
 
     @cached_property
-    def tool(self) -> Transform:
-        """The tip in the link of the last joint that moves."""
-        steps, end = self.steps()
-        return Transform(steps[-1].joint.child if steps else "base", self.model.tip, end)
+    def tools(self) -> tuple[Transform, ...]:
+        """Each tip in the link of the last joint of its chain that moves."""
+        ends = ((chain, *self.steps(chain)) for chain in self.model.chained)
+        return tuple(
+            Transform(steps[-1].joint.child if steps else "base", chain.tip, end)
+            for chain, steps, end in ends
+        )
+
+    def frame(self, what: str, label: str) -> str:
+        """What the URDF calls a frame of a result, or a name with the label of what is none."""
+        if what not in ("base", "tip"):
+            return f"{what}_{label}" if label else what
+        body = label.partition("/")[0]
+        if isinstance(self.model, ArmModel):
+            return self.model.chain.base if what == "base" else self.model.tip
+        chains = self.model.chains
+        if body in chains:
+            return chains[body].tip
+        first = next(iter(chains.values()))
+        return first.chain.base if what == "base" else first.tip
 
 
 @dataclass(frozen=True, eq=False)
@@ -139,8 +172,8 @@ class Result(Displayable):
 
     @property
     def every_transform(self) -> tuple[Transform, ...]:
-        """`transforms`, and that of the arm's tool."""
-        return (*self.transforms, *(() if self.arm is None else (self.arm.tool,)))
+        """`transforms`, and that of the arm's tool, or of each chain's."""
+        return (*self.transforms, *(() if self.arm is None else self.arm.tools))
 
     def need_transforms(self, form: str) -> tuple[Transform, ...]:
         """`every_transform`, at least one, for a format of poses."""
@@ -156,6 +189,7 @@ def read_result(
     urdf: str | UrdfFile | None = None,
     tip: str | None = None,
     base: str | None = None,
+    chain: str = "",
     anyway: bool = False,
 ) -> Result:
     """Read an answer back, with the arm of the job that it was made from.
@@ -165,6 +199,7 @@ def read_result(
         urdf: the nominal arm, where the job is not there any more.
         tip: its tip, likewise.
         base: link its chain starts at, likewise; the root by default.
+        chain: of several chains of a robot the one that a format of a single chain is about.
         anyway: take an answer that says of itself that it must not be used.
 
     Raises:
@@ -181,7 +216,8 @@ def read_result(
             expected = "the result of calibrate, hand-eye, pivot or register"
             raise InputError("a result that cannot be exported", expected, file=path)
         return Result(path, None, transforms, None, data)
-    job = None
+    job: JobSpec | None = None
+    model: AnyArm
     if urdf is None:
         origin = made_from(data, path, "the nominal arm, given with --urdf and --tip")
         if origin.lacking:
@@ -190,32 +226,29 @@ def read_result(
         else:
             job = read_job(origin.path)
             arm_of_job = job.arm
-        model = arm_of_job.model()
+        model = arm_of_job.mechanism()
     else:
         if tip is None:
             raise InputError("no tip", "the link or frame of the tip", where="--tip")
         model = ArmModel.from_urdf(urdf, tip, base)
     calibration = read_uncertainty(path, model, anyway=anyway)
     check_nominal(model, path, calibration.values)
-    arm = CalibratedArm(model, calibration)
+    arm = CalibratedArm(model, calibration, chain)
+    if chain:
+        _ = arm.alone
     return Result(path, arm, tuple(_external(data, arm, path)), _camera(data, job, path), data)
 
 
 def _external(data: Mapping[str, Any], arm: CalibratedArm, path: Path) -> Iterator[Transform]:
     poses = data.get("external_poses")
-    # The arm's own frames by the names that its URDF gives them.
-    chain = arm.model.chain
-    ends = {"base": chain.base, "tip": arm.model.tip}
     for name, pose in poses.items() if isinstance(poses, dict) else ():
         if not isinstance(pose, dict) or pose.get("matrix") is None:
             continue
         matrix = _pose(pose["matrix"], path, f"external_poses: {name}: matrix")
-        parent, child = str(pose.get("within", "")), str(pose.get("what", name))
         # Of several placements or instruments each is a frame of its own.
         label = name.partition("[")[2].removesuffix("]")
-        parent, child = (
-            ends.get(frame, f"{frame}_{label}" if label else frame) for frame in (parent, child)
-        )
+        ends = (str(pose.get("within", "")), str(pose.get("what", name)))
+        parent, child = (arm.frame(what, label) for what in ends)
         yield Transform(parent, child, matrix)
 
 

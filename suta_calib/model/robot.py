@@ -136,8 +136,10 @@ class Robot(Mechanism):
         """The chain of this name, with the columns of `readings`."""
         if chain in self.chains or len(self.chains) == 1:
             return self.laid_out[chain or next(iter(self.chains))]
-        found = f"the chain '{chain}'" if chain else "several chains"
-        hint = did_you_mean(chain, self.chains)
+        if chain:
+            found, hint = f"the chain '{chain}'", did_you_mean(chain, self.chains)
+        else:
+            found, hint = "several chains", "choose one: --chain NAME, in Python chain=…"
         raise ParameterError(found, f"the name of one of {', '.join(self.chains)}", hint=hint)
 
     @property

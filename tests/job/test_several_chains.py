@@ -19,10 +19,10 @@ from tests.support.torso_robot import (
     REFLECTOR,
     SEEN,
     built,
-    seen,
     torso_robot,
     torso_robot_urdf,
     tracked,
+    write_torso_job,
 )
 
 FREE = ["geometric", "*.offset"]
@@ -114,29 +114,7 @@ def test_a_hand_seen_from_the_other_hand_is_a_chain_of_the_same_robot():
 @pytest.fixture
 def job(tmp_path: Path) -> Path:
     """A job of two chains, each with samples of its own columns."""
-    (tmp_path / "robot.urdf").write_text(torso_robot_urdf())
-    robot, rng = torso_robot(), np.random.default_rng(5)
-    truth = built(robot, rng)
-    for name, arm in robot.chains.items():
-        for file, n in (("fitted", 50), ("held", 20)):
-            q, position = seen(arm, truth, n, rng)
-            header = ",".join((*arm.joints, "x", "y", "z", "target"))
-            rows = [",".join(map(repr, map(float, row))) + ",A" for row in np.hstack([q, position])]
-            (tmp_path / f"{name}_{file}.csv").write_text("\n".join([header, *rows]) + "\n")
-    path = tmp_path / "calibration.yaml"
-    path.write_text(
-        "arm: {urdf: robot.urdf, chains: {left: {tip: left_hand}, right: {tip: right_hand}}}\n"
-        "parameters:\n"
-        "  - {select: geometric, prior_mm: 2, prior_deg: 0.5}\n"
-        "  - {select: '*.offset', prior_deg: 5}\n"
-        "observations:\n"
-        "  - {kind: tracked_point, chain: left, samples: left_fitted.csv}\n"
-        "  - {kind: tracked_point, chain: right, samples: right_fitted.csv}\n"
-        "validation:\n"
-        "  - {kind: tracked_point, chain: left, samples: left_held.csv}\n"
-        "  - {kind: tracked_point, chain: right, samples: right_held.csv}\n"
-    )
-    return path
+    return write_torso_job(tmp_path)
 
 
 def test_a_job_names_the_chain_of_every_row(job: Path, tmp_path: Path):

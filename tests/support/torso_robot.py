@@ -86,3 +86,31 @@ def tracked(
     """The same as a term, with the reflector as target A."""
     q, position = seen(arm, values, n, rng, sigma)
     return TrackedPoint.from_arrays(arm, q, position=position, target="A")
+
+
+def write_torso_job(folder: Path, fitted: int = 50, held_out: int = 20) -> Path:
+    """A job of two chains, each with samples of its own columns, fitted and held out."""
+    urdf = folder / "robot.urdf"
+    urdf.write_text(torso_robot_urdf())
+    robot, rng = torso_robot(), np.random.default_rng(5)
+    truth = built(robot, rng)
+    for name, arm in robot.chains.items():
+        for file, n in (("fitted", fitted), ("held", held_out)):
+            q, position = seen(arm, truth, n, rng)
+            header = ",".join((*arm.joints, "x", "y", "z", "target"))
+            rows = [",".join(map(repr, map(float, row))) + ",A" for row in np.hstack([q, position])]
+            (folder / f"{name}_{file}.csv").write_text("\n".join([header, *rows]) + "\n")
+    path = folder / "calibration.yaml"
+    path.write_text(
+        "arm: {urdf: robot.urdf, chains: {left: {tip: left_hand}, right: {tip: right_hand}}}\n"
+        "parameters:\n"
+        "  - {select: geometric, prior_mm: 2, prior_deg: 0.5}\n"
+        "  - {select: '*.offset', prior_deg: 5}\n"
+        "observations:\n"
+        "  - {kind: tracked_point, chain: left, samples: left_fitted.csv}\n"
+        "  - {kind: tracked_point, chain: right, samples: right_fitted.csv}\n"
+        "validation:\n"
+        "  - {kind: tracked_point, chain: left, samples: left_held.csv}\n"
+        "  - {kind: tracked_point, chain: right, samples: right_held.csv}\n"
+    )
+    return path

@@ -28,15 +28,14 @@ class DhWriter(Writer):
     def content(self, result: Result, given: Given) -> bytes:
         """The table; the offsets are part of theta (of d for a slide)."""
         arm = result.need_arm(self.name)
-        unsupported = [
-            j.name for j in arm.model.chain.joints if j.moving and (j.climbed or j.mimic)
-        ]
+        alone = arm.alone
+        unsupported = [j.name for j in alone.chain.joints if j.moving and (j.climbed or j.mimic)]
         if unsupported:
             problem = (
                 f"{unsupported[0]}, which mimics another joint or is passed from its child to "
                 "its parent"
             )
             expected = "a serial chain in which each joint has its own reading"
-            raise InputError(problem, expected, file=arm.model.chain.path)
+            raise InputError(problem, expected, file=alone.chain.path)
         convention = cast(Convention, given.text(CONVENTION, "classic"))
-        return dh_text(dh_table(arm.model, arm.values, convention)).encode()
+        return dh_text(dh_table(alone, arm.values, convention)).encode()

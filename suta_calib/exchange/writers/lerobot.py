@@ -46,6 +46,7 @@ class LerobotWriter(OffsetsWriter):
         middle.
         """
         arm = result.need_arm(self.name)
+        own_joints = arm.alone.own_joints
         path = given.path(CALIBRATION)
         if path is None:
             problem = "no calibration to correct"
@@ -54,12 +55,12 @@ class LerobotWriter(OffsetsWriter):
         names = given.pairs(MOTORS)
         sign = 1 if given.text(BUS, FEETECH) == DYNAMIXEL else -1
         joints = {names.get(motor, motor): motor for motor in motors}
-        if missing := [joint for joint in arm.model.joints if joint not in joints]:
+        if missing := [joint for joint in own_joints if joint not in joints]:
             problem = f"no motor of the joint {missing[0]!r} among {', '.join(motors)}"
             expected = "a motor for each joint of the arm"
             hint = f"choose it with {MOTORS.switch} MOTOR={missing[0]}"
             raise InputError(problem, expected, file=path, hint=hint)
-        for joint in arm.model.joints:
+        for joint in own_joints:
             if arm.model.units[joint] != "rad":
                 raise InputError(f"{joint}, which is prismatic", "revolute joints", file=path)
             ticks = arm.values.get(f"{joint}.{OFFSET}", 0.0) * counts / math.tau

@@ -28,12 +28,12 @@ class MjcfWriter(Writer):
     def content(self, result: Result, _given: Given) -> bytes:
         """The file; its world is the chain's base, its site the tip."""
         arm = result.need_arm(self.name)
-        chain = arm.model.chain
+        chain = arm.alone.chain
         root = etree.Element("mujoco", model=chain.robot)
         # Full range, and angles in rad; the default would be degrees.
         etree.SubElement(root, "compiler", angle="radian", autolimits="true")
         body = etree.SubElement(root, "worldbody")
-        steps, end = arm.steps()
+        steps, end = arm.steps(chain)
         for step in steps:
             joint = step.joint
             body = etree.SubElement(body, "body", name=joint.child, **_placed(step.before))
@@ -44,7 +44,7 @@ class MjcfWriter(Writer):
             )
             if math.isfinite(joint.lower) and math.isfinite(joint.upper):
                 moved.set("range", _text(np.array([joint.lower, joint.upper])))
-        etree.SubElement(body, "site", name=arm.model.tip, **_placed(end))
+        etree.SubElement(body, "site", name=chain.tip, **_placed(end))
         mimics = [(step.joint.name, step.joint.mimic) for step in steps if step.joint.mimic]
         if mimics:
             equality = etree.SubElement(root, "equality")

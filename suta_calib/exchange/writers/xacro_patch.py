@@ -47,8 +47,8 @@ class XacroPatchWriter(Writer):
         """The diff; every joint whose origin changed must be in one of the files."""
         arm = result.need_arm(self.name)
         paths = [Path(source) for source in given.texts(SOURCE)]
-        if not paths and is_xacro(arm.model.chain.path):
-            paths = [arm.model.chain.path]
+        if not paths and is_xacro(arm.model.urdf[0]):
+            paths = [arm.model.urdf[0]]
         if not paths:
             problem = "no .xacro file to patch"
             raise given.refuse(SOURCE, problem, "the file that contains the arm's joints")

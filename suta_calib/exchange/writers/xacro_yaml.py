@@ -39,7 +39,8 @@ class XacroYamlWriter(Writer):
         """``kinematics: {link: {x, y, z, roll, pitch, yaw}, …, hash}``, m and rad."""
         arm = result.need_arm(self.name)
         origins = arm.model.origins(arm.values)
-        moving = [joint for joint in arm.model.chain.joints if joint.moving]
+        every = (joint for chain in arm.model.chained for joint in chain.joints)
+        moving = [*{joint.name: joint for joint in every if joint.moving}.values()]
         joints = {
             key: dict(zip(_NUMBERS, map(rounded, np.concatenate(origins[joint.name])), strict=True))
             for key, joint in zip(_keys(moving), moving, strict=True)
@@ -87,10 +88,14 @@ def _keys(joints: list[ChainJoint]) -> list[str]:
 
 
 def _changed_fixed_joints(arm: CalibratedArm) -> Iterator[tuple[ChainJoint, list[str]]]:
-    """Fixed joints of the chain that are not nominal any more, with names of their parameters."""
-    for joint, segment in zip(arm.model.chain.joints, arm.model.segments, strict=True):
-        if joint.moving:
-            continue
+    """Fixed joints of the chains that are not nominal any more, with names of their parameters."""
+    pairs = (
+        pair
+        for one in arm.model.arms
+        for pair in zip(one.chain.joints, one.segments, strict=True)
+        if not pair[0].moving
+    )
+    for joint, segment in {joint.name: (joint, segment) for joint, segment in pairs}.values():
         names = segment.names(*segment.keys)
         nominal = {name: arm.model.parameters[name].nominal for name in names}
         changed = [n for n, x in nominal.items() if rounded(arm.values.get(n, x) - x)]
