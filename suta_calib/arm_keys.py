@@ -32,7 +32,7 @@ from suta_calib.measurements.scale import GRADES
 from suta_calib.model.arm import ArmModel
 from suta_calib.model.loop import Loop
 from suta_calib.model.parameters import POSITION, Selection, coupling_key
-from suta_calib.model.robot import Robot
+from suta_calib.model.robot import Robot, chosen_chain
 from suta_calib.units import from_mm
 
 _AnyMechanism = TypeVar("_AnyMechanism", ArmModel, Robot, ArmModel | Robot)
@@ -317,6 +317,15 @@ class ArmSpec(Displayable):
         if chain and chain == base_chain:
             raise row.refuse(f"'{chain}' as both", "two chains", at=("base_chain",))
 
+    def one(self, chain: str = "") -> tuple[str, str | None]:
+        """Tip and base of the arm, or of the chain of this name.
+
+        Raises:
+            ParameterError: it has no such chain, or several and none was chosen.
+        """
+        names = self.ends() or {"": (self.tip, self.base)}
+        return names[chosen_chain(names, chain)]
+
     def mechanism(self, pairs: Iterable[tuple[str, str]] = ()) -> ArmModel | Robot:
         """The arm, or the robot with its chains, at nominal.
 
@@ -337,14 +346,13 @@ class ArmSpec(Displayable):
 
         Raises:
             UrdfError: the file cannot be used, or has no place for the tip's offset.
-            JobError: it has no such tip, base, joints or chain; names the job's line.
+            JobError: it has no such tip, base or joints; names the job's line.
+            ParameterError: it has no such chain, or several and none was chosen.
         """
         if not self.chains:
             read = partial(ArmModel.from_urdf, self.urdf, self.tip, self.base, self.loops)
             return self._completed(read)
-        if chain not in self.chains:
-            names, found = ", ".join(self.chains), f"chain '{chain}'" if chain else "several chains"
-            raise JobError(found, f"the name of one of the chains {names}", where="arm.chains")
+        chain = chosen_chain(self.chains, chain)
         robot = self._completed(partial(self._robot, ((chain, base_chain),)))
         return robot.chains[seen_from(chain, base_chain)]
 

@@ -16,6 +16,7 @@ from suta_calib.cli._options import (
     PATH,
     POSITIVE,
     anyway_option,
+    chain_option,
     flag,
     json_option,
     option,
@@ -63,7 +64,8 @@ def _address(host_needed: bool) -> Callable[..., tuple[str, int] | None]:
 
 @click.command()
 @urdf_argument("ARM.urdf", "arm")
-@option("--tip", "Link or frame of the arm that is tracked.", required=True)
+@option("--tip", "Link or frame of the arm that is tracked; default: that of the job of --result.")
+@chain_option
 @option("--base", "Link in which the pose is given; default: the root link.")
 @option("--device", "device.yaml: port, format, joints.", PATH, required=True)
 @option(

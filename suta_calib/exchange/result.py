@@ -12,11 +12,10 @@ from typing import Any, Final
 import numpy as np
 
 from suta_calib.analysis.comparison import check_nominal
-from suta_calib.arm_keys import read_arm
 from suta_calib.arrays import FloatArray
 from suta_calib.assessment import refuse_unusable, says_usable
 from suta_calib.display import Displayable
-from suta_calib.errors import ForeignFileError, InputError, JobError
+from suta_calib.errors import ForeignFileError, InputError
 from suta_calib.exchange.cells import is_folder
 from suta_calib.exchange.rotations import is_rotation
 from suta_calib.geometry.numbers import homogeneous, rotation_from_rpy
@@ -24,12 +23,11 @@ from suta_calib.geometry.pinhole import INTRINSICS
 from suta_calib.inputs import UrdfFile
 from suta_calib.job.schema import JobSpec, read_job
 from suta_calib.measurements.camera import Camera
-from suta_calib.measurements.yaml_file import YamlSection, read_yaml
 from suta_calib.model.arm import ArmModel
 from suta_calib.model.chain import Chain, ChainJoint
 from suta_calib.model.robot import AnyArm
 from suta_calib.pose_calibration.eye_poses import FRAMES
-from suta_calib.tracking.provenance import made_from
+from suta_calib.tracking.provenance import arm_of_job, made_from
 from suta_calib.tracking.uncertainty import (
     CalibrationUncertainty,
     numbers,
@@ -220,13 +218,9 @@ def read_result(
     model: AnyArm
     if urdf is None:
         origin = made_from(data, path, "the nominal arm, given with --urdf and --tip")
-        if origin.lacking:
-            # The arm needs no samples, which were too large to be copied.
-            arm_of_job = read_arm(YamlSection(read_yaml(origin.path, JobError), JobError))
-        else:
-            job = read_job(origin.path)
-            arm_of_job = job.arm
-        model = arm_of_job.mechanism()
+        # The arm needs no samples, which may have been too large to be copied.
+        job = None if origin.lacking else read_job(origin.path)
+        model = arm_of_job(origin).mechanism()
     else:
         if tip is None:
             raise InputError("no tip", "the link or frame of the tip", where="--tip")

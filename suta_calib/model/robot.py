@@ -134,13 +134,7 @@ class Robot(Mechanism):
 
     def chosen(self, chain: str = "") -> ArmModel:
         """The chain of this name, with the columns of `readings`."""
-        if chain in self.chains or len(self.chains) == 1:
-            return self.laid_out[chain or next(iter(self.chains))]
-        if chain:
-            found, hint = f"the chain '{chain}'", did_you_mean(chain, self.chains)
-        else:
-            found, hint = "several chains", "choose one: --chain NAME, in Python chain=…"
-        raise ParameterError(found, f"the name of one of {', '.join(self.chains)}", hint=hint)
+        return self.laid_out[chosen_chain(self.chains, chain)]
 
     @property
     def chained(self) -> tuple[Chain, ...]:
@@ -239,6 +233,22 @@ class Robot(Mechanism):
         """Its chains."""
         chains = "; ".join(f"{name}: {arm.in_a_line}" for name, arm in self.chains.items())
         return chains or "no chain yet"
+
+
+def chosen_chain(names: Iterable[str], chain: str) -> str:
+    """The name that was chosen among those of chains, which need not be where there is only one.
+
+    Raises:
+        ParameterError: none was chosen of several, or one that does not exist.
+    """
+    names = list(names)
+    if chain in names or (len(names) == 1 and not chain):
+        return chain or names[0]
+    if chain:
+        found, hint = f"the chain '{chain}'", did_you_mean(chain, names)
+    else:
+        found, hint = "several chains", "choose one: --chain NAME, in Python chain=…"
+    raise ParameterError(found, f"the name of one of {', '.join(names)}", hint=hint)
 
 
 # One chain, or several that share joints.

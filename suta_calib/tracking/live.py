@@ -13,10 +13,11 @@ from suta_calib.device.bus import Bus
 from suta_calib.device.device_file import read_device
 from suta_calib.device.reading import Statistics
 from suta_calib.display import Displayable
-from suta_calib.errors import OutputError
+from suta_calib.errors import InputError, OutputError
 from suta_calib.inputs import UrdfFile
 from suta_calib.model.arm import ArmModel
 from suta_calib.tracking.igtl import IgtlPublisher
+from suta_calib.tracking.provenance import tracked_ends
 from suta_calib.tracking.publisher import Publisher, UdpPublisher, pose_dict
 from suta_calib.tracking.recording import CsvRecorder, ParquetRecorder, part_of
 from suta_calib.tracking.session import TrackingSession, low_latency
@@ -32,7 +33,8 @@ class TrackOptions(Displayable):
 
     Attributes:
         arm: the calibrated URDF, for raw readings.
-        tip: link or frame of the arm that is tracked.
+        tip: link or frame of the arm that is tracked; None for that of the result's job.
+        chain: which of the chains of that job, where it has several.
         device: the device.yaml.
         base: link the pose is relative to; the root by default.
         result: result.json of the calibration that wrote ``arm``: for the tip's uncertainty.
@@ -49,7 +51,7 @@ class TrackOptions(Displayable):
     """
 
     arm: UrdfFile
-    tip: str
+    tip: str | None
     device: Path
     base: str | None = None
     result: Path | None = None
@@ -64,6 +66,23 @@ class TrackOptions(Displayable):
     force: bool = False
     seconds: float | None = None
     rate: float | None = None
+    chain: str = ""
+
+    def ends(self) -> tuple[str, str | None]:
+        """Tip and base of what is tracked.
+
+        Raises:
+            InputError: no tip is given, or no one chain of the job.
+        """
+        if self.tip is not None:
+            if self.chain:
+                raise InputError("a tip and a chain", "only one of them", where="--chain")
+            return self.tip, self.base
+        if self.result is None:
+            expected = "--tip LINK, or --result RESULT.json of a job with this tip"
+            raise InputError("no tip", expected, where="--tip")
+        tip, base = tracked_ends(self.result, self.chain)
+        return tip, self.base or base
 
 
 class Tracking:
@@ -108,7 +127,7 @@ class Tracking:
                     "choose another, or replace it with --force"
                 )
         self.on_event: Callable[[str], None] = lambda _: None
-        self.arm = ArmModel.from_urdf(options.arm, options.tip, options.base)
+        self.arm = ArmModel.from_urdf(options.arm, *options.ends())
         self.device = read_device(options.device)
         self.uncertainty: CalibrationUncertainty | None = None
         if options.result is not None:

@@ -241,7 +241,10 @@ def read_uncertainty(
     values = {n: float(numbers(e.get("value"), (), path, n)) for n, e in entries.items()}
     fixed = tuple(str(n) for n in data.get("unidentified", []) if n in offered)
     beside = {n: v for n, v in values.items() if not arm.offered[n].in_urdf(v)}
-    held = tuple(_held(data, fixed, path))
+    held = tuple(
+        (name, {n: factor for n, factor in direction.items() if n in offered}, plausible)
+        for name, direction, plausible in _held(data, fixed, path)
+    )
     return CalibrationUncertainty(path, names, covariance, values, source, fixed, beside, held)
 
 
@@ -277,7 +280,12 @@ def _covariance(
         shape = (len(names), len(names))
         matrix = numbers(table.get("matrix"), shape, path, f"{source}: matrix")
         # What a job holds without naming it may be among them.
-        of_table = entries if source == "correlations" else offered
+        of_table: Set[str] = entries.keys() if source == "correlations" else offered
+        metrics = data.get("metrics")
+        if isinstance(metrics, dict) and "by_chain" in metrics:
+            # Of a robot with several chains, where the arm may be one of them.
+            kept = [k for k, name in enumerate(names) if name in of_table]
+            names, matrix = tuple(names[k] for k in kept), matrix[np.ix_(kept, kept)]
         if missing := [name for name in names if name not in of_table]:
             where = f"{source}: parameters"
             raise InputError(repr(missing[0]), "a parameter of this arm", file=path, where=where)

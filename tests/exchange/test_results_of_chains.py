@@ -1,4 +1,4 @@
-"""A robot with several chains in formats of other programs."""
+"""The result of a robot with several chains: exported, and tracked by one of them."""
 
 from __future__ import annotations
 
@@ -11,14 +11,18 @@ import yaml
 from cli_job import cli
 from torso_robot import torso_robot, write_torso_job
 
+from suta_calib import ArmModel, CalibrationJob
 from suta_calib.errors import InputError
 from suta_calib.exchange import Result, read_foreign, read_result, write_foreign
+from suta_calib.tracking import TrackOptions
+from suta_calib.tracking.uncertainty import read_uncertainty
+from suta_calib.trust.tip import sensitivity
 
 
 @pytest.fixture(scope="module")
 def results(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The results of a job of two arms on a torso."""
-    job = write_torso_job(tmp_path_factory.mktemp("torso"))
+    job: Path = write_torso_job(tmp_path_factory.mktemp("torso"))
     assert cli("calibrate", job) == 0
     return job.parent / "results"
 
@@ -86,3 +90,44 @@ def test_a_robot_that_was_not_the_one_is_refused(results: Path) -> None:
             read_result(results)
     finally:
         (results / "calibrated.urdf").write_text(data)
+
+
+def test_the_tip_to_track_is_that_of_a_chain_of_the_result(
+    results: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    urdf, result, device = (
+        results / name for name in ("calibrated.urdf", "result.json", "no.yaml")
+    )
+    tracked = TrackOptions(urdf, None, device, result=result, chain="right")
+    assert tracked.ends() == ("right_hand", None)
+    assert TrackOptions(urdf, "left_hand", device).ends() == ("left_hand", None)
+    with pytest.raises(InputError, match="a tip and a chain; expected only one of them"):
+        TrackOptions(urdf, "left_hand", device, result=result, chain="left").ends()
+    for given, message in (
+        (("--result", result), "several chains; expected the name of one of left, right"),
+        (("--result", result, "--chain", "lift"), "did you mean 'left'?"),
+        ((), "no tip; expected --tip LINK, or --result"),
+    ):
+        assert cli("track", urdf, "--device", device, *given) == 2
+        assert message in capsys.readouterr().err
+
+
+def test_a_chain_that_is_tracked_is_as_sure_as_it_was_calibrated(results: Path) -> None:
+    """The calibrated URDF and the result tell of one chain what the job tells of the robot."""
+    job = CalibrationJob.load(results.parent / "calibration.yaml")
+    solution = job.run().solution
+    robot = torso_robot().laid_out["right"]
+    alone = ArmModel.from_urdf(results / "calibrated.urdf", "right_hand")
+    q = np.random.default_rng(1).uniform(-1, 1, (3, len(robot.joints)))
+    own = q[:, [robot.joints.index(name) for name in alone.joints]]
+    calibration = read_uncertainty(results / "result.json", alone)
+    names, factor = calibration.folded(alone)
+    as_tracked = sensitivity(alone, {}, names, own)
+    arm_names, covariance = solution.arm_covariance
+    in_the_job = sensitivity(robot, solution.values, arm_names, q)
+    np.testing.assert_allclose(as_tracked.position, in_the_job.position, atol=1e-9)
+    stated, expected = (
+        np.sqrt(np.einsum("nij,jk,nik->ni", at.jacobian, cov, at.jacobian))
+        for at, cov in ((as_tracked, factor @ factor.T), (in_the_job, covariance))
+    )
+    np.testing.assert_allclose(stated, expected, rtol=1e-3)
