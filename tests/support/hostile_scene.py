@@ -14,6 +14,7 @@ from cli_job import write_simulated_job
 from pose_answers import XYZ
 from pose_scenes import PAIR, POSE, pair_numbers, pivot_numbers, point_numbers, write_csv
 from simulated import SUTA_URDF
+from torso_robot import write_torso_job
 
 from suta_calib.job import CalibrationJob
 from suta_calib.measurements import Samples, write_samples
@@ -75,6 +76,9 @@ class Given:
 
 
 _OF_JOB = (JOB, URDF, SAMPLES, "validation/a.csv")
+# A robot of two chains.
+CHAINS = "chains/calibration.yaml"
+_OF_CHAINS = (CHAINS, "chains/robot.urdf", "chains/right_fitted.csv", "chains/left_held.csv")
 _OF_ARM = (URDF, "--tip", "tip")
 GIVEN = {
     "calibrate": Given((JOB,), _OF_JOB, "--out"),
@@ -83,7 +87,7 @@ GIVEN = {
         (JOB, "--trials", "1", "--sizes", "30", "--jobs", "1", "--anyway"), _OF_JOB, "--out"
     ),
     "extend": Given((JOB, "--quick"), _OF_JOB, "--out"),
-    "budget": Given((JOB, "--anyway"), _OF_JOB, "--out"),
+    "budget": Given((CHAINS, "--anyway"), _OF_CHAINS, "--out"),
     "view": Given((JOB, "--port", "0", "--seconds", "0.2"), _OF_JOB, "--html", out_is_file=True),
     "validate": Given((URDF, JOB), _OF_JOB),
     "outliers": Given((JOB,), _OF_JOB, "--out"),
@@ -174,6 +178,8 @@ def write_scene(folder: Path, urdf: Path) -> Path:
     for name in ("recorded.csv", "reference.csv"):
         write_csv(folder / name, ("time", *XYZ), np.hstack([time, path]))
     write_points(folder / "points.csv")
+    (folder / CHAINS).parent.mkdir()
+    write_torso_job(folder / "chains", fitted=30, held_out=5)
     for name, file in (("view.jpg", "pictures/00.jpg"), ("board.yaml", "board.yaml")):
         shutil.copy(WORKCELL / file, folder / name)
     result = CalibrationJob.load(folder / JOB).run()

@@ -51,7 +51,7 @@ def torso_robot_urdf() -> str:
             parent = link
         parts.append(_link(f"{side}_hand"))
         parts.append(_joint(f"{side}_mount", parent, f"{side}_hand", "0 0 -0.1", "1 0 0", "fixed"))
-    return f'<robot name="torso">{"".join(parts)}</robot>'
+    return "\n".join(['<robot name="torso">', *parts, "</robot>"])
 
 
 def torso_robot(path: Path | None = None) -> Robot:
