@@ -12,6 +12,7 @@ from suta_calib.cli._options import (
     POSITIVE,
     WRITTEN,
     FiniteRange,
+    chain_option,
     flag,
     option,
     urdf_argument,
@@ -41,6 +42,7 @@ _FAULTS_HELP: Final = _EPILOG + "\n\b\n" + "\n".join(f"{k:<20} {v}" for k, v in 
 @click.command(epilog=_FAULTS_HELP)
 @urdf_argument("ARM.urdf")
 @option("--tip FRAME", "Tip of the arm; default: the script's.")
+@chain_option
 @option("--base LINK", "First link of the chain; default: the root link.")
 @option("--rate", "Frames per second.", FiniteRange(1e-3, 1e5), 768.0)
 # What it does.

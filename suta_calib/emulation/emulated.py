@@ -72,6 +72,7 @@ class EmulationOptions(Displayable):
         amplitude: of swings, rad.
         frequency: of swings at the start and at the end, Hz.
         duration: of the swings, s.
+        chain: of several chains of the script's robot the one that is emulated.
         csv: a trajectory: time (s) and every joint (rad).
         truth: true parameters: a truth.yaml, or a simulation.yaml for its errors.
         errors_seed: draws the true parameters.
@@ -101,6 +102,7 @@ class EmulationOptions(Displayable):
     amplitude: float = from_deg(20.0)
     frequency: tuple[float, float] = (0.05, 0.5)
     duration: float = 60.0
+    chain: str = ""
     csv: Path | None = None
     truth: Path | None = None
     errors_seed: int | None = None
@@ -234,9 +236,8 @@ def emulated_device(options: EmulationOptions) -> EmulatedDevice:
         if script is None:
             raise InputError("no tip", "--tip FRAME, the link or frame whose pose matters")
         ends = script.arm if isinstance(script, SimulationSpec) else script
-        if not ends.tip:
-            raise InputError("several chains", "--tip FRAME of the one that is emulated")
-        tip, base = ends.tip, base or ends.base
+        tip, its_base = ends.one(options.chain)
+        base = base or its_base
     arm = ArmModel.from_urdf(options.urdf, tip, base)
     device = device_of(
         arm,
@@ -278,7 +279,11 @@ def _values(
 
 def _set(options: EmulationOptions, script: SimulationSpec) -> SetSpec:
     """A set of a simulation that a tip can touch, with what the options change of it."""
-    touched = {item.name: item for item in script.sets if item.term.medium == "touch"}
+    touched = {
+        item.name: item
+        for item in script.sets
+        if item.term.medium == "touch" and options.chain in ("", item.chain)
+    }
     name = options.set_name or next(iter(touched), "")
     if name not in touched:
         raise JobError(
@@ -309,7 +314,9 @@ def _job_plan(
         points = _places(options.points, {}, "--point")
         directions = options.directions or SetSpec.directions
         return point_set(points, directions, options.cone, noise)
-    artefacts = (row.artefact() for row in job.rows if not row.held_out)
+    artefacts = (
+        row.artefact() for row in job.rows if not row.held_out and options.chain in ("", row.chain)
+    )
     if (artefact := next(filter(None, artefacts), None)) is None:
         raise InputError(
             "no artefact in the job",

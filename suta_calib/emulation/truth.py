@@ -46,7 +46,12 @@ def read_truth(path: Path, arm: AnyArm, seed: int | None = None) -> dict[str, fl
     top = YamlSection(read_yaml(path, JobError), JobError)
     if "sets" in top:
         spec = read_simulation(path)
-        return true_values(spec.arm.with_offsets(arm), spec, spec.seed if seed is None else seed)
+        seed = spec.seed if seed is None else seed
+        if spec.arm.chains and isinstance(arm, ArmModel):
+            # Its errors may name joints of the other chains.
+            drawn = true_values(spec.arm.mechanism(), spec, seed)
+            return {name: value for name, value in drawn.items() if name in arm.offered}
+        return true_values(spec.arm.with_offsets(arm), spec, seed)
     if "parameters" not in top or isinstance(top.data["parameters"], list):
         raise top.refuse(
             "neither a truth.yaml nor a simulation.yaml",

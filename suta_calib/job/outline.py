@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
@@ -11,6 +12,7 @@ from suta_calib.errors import JobError
 from suta_calib.inputs import UrdfFile
 from suta_calib.measurements import YamlSection, read_yaml
 from suta_calib.measurements.fields import urdf_file
+from suta_calib.model.robot import chosen_chain
 
 _GROUPS: Final = ("observations", "validation")
 
@@ -32,6 +34,11 @@ class PlannedObservation(Displayable):
     section: YamlSection
 
     @property
+    def chain(self) -> str:
+        """Of several chains the one that it is of."""
+        return self.section.text("chain") if "chain" in self.section else ""
+
+    @property
     def held_out(self) -> bool:
         """Whether it is for validation only."""
         return self.where.startswith("validation")
@@ -51,14 +58,13 @@ class JobOutline(Displayable):
 
     Attributes:
         top: the file.
-        tip, base: ends of its arm's chain; base None for the root link.
+        ends: tip and base of its arm, base None for the root link; of several chains, by name.
         rows: what is to be observed, then what is to be held out.
         unknowns: names and globs of the parameters it looks for.
     """
 
     top: YamlSection
-    tip: str
-    base: str | None
+    ends: Mapping[str, tuple[str, str | None]]
     rows: tuple[PlannedObservation, ...]
     unknowns: tuple[str, ...]
 
@@ -83,8 +89,17 @@ class JobOutline(Displayable):
             if not row.flag("fixed") or any(key.startswith("prior") for key in row.data)
             for name in row.texts("select")
         ]
-        base = arm.text("base") if "base" in arm else None
-        return cls(top, arm.text("tip"), base, tuple(rows), tuple(unknowns))
+        base = _base(arm)
+        if "chains" in arm:
+            chains = {name: arm.section("chains").section(name) for name in arm.data["chains"]}
+            ends = {name: (c.text("tip"), _base(c) or base) for name, c in chains.items()}
+        else:
+            ends = {"": (arm.text("tip"), base)}
+        return cls(top, ends, tuple(rows), tuple(unknowns))
+
+    def one(self, chain: str = "") -> tuple[str, str | None]:
+        """Tip and base of the arm, or of the chain of this name (`ArmSpec.one`)."""
+        return self.ends[chosen_chain(self.ends, chain)]
 
     def urdf(self) -> UrdfFile:
         """The arm's URDF.
@@ -93,6 +108,10 @@ class JobOutline(Displayable):
             JobError: there is no such file.
         """
         return urdf_file(self.top.section("arm"), "urdf")
+
+
+def _base(arm: YamlSection) -> str | None:
+    return arm.text("base") if "base" in arm else None
 
 
 def read_outline(path: Path) -> JobOutline:

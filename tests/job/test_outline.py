@@ -26,7 +26,7 @@ def test_samples_need_not_exist(tmp_path: Path) -> None:
     job = tmp_path / "calibration.yaml"
     job.write_text(TEXT)
     outline = read_outline(job)
-    assert (outline.tip, outline.base) == ("tool0", None)
+    assert outline.one() == ("tool0", None)
     assert outline.unknowns == ("*.offset", "tip.x")
     assert [row.where for row in outline.rows] == [
         "observations[0]",
