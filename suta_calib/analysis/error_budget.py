@@ -91,14 +91,16 @@ class Linear:
 
 
 def linear(
-    terms: Sequence[Term], names: Sequence[str], values: Mapping[str, float], std: FloatArray
+    terms: Sequence[Term],
+    arm: AnyArm,
+    names: Sequence[str],
+    values: Mapping[str, float],
+    std: FloatArray,
 ) -> Linear:
     """Residuals and derivatives by some of the arm's parameters, at values of all.
 
-    Readings err by ``std`` (joints,), rad or m.
+    Readings err by ``std`` (joints,), rad or m. Of a robot, the terms may be over some chains only.
     """
-    arm = Problem(terms).arm
-    assert arm is not None
     # What is not estimated may still have a value: that of a job's fixed parameters is nominal.
     names_used = [n for n in (*arm.parameters, *arm.nongeometric) if n in {*names, *arm.offsets}]
     problem = Problem(terms, ParameterSet(arm.offered[n] for n in names_used))
@@ -162,6 +164,7 @@ class BlockBudget:
     count: int  # of residuals, those of one rest counted once
     overstated: bool = False  # whether the encoders' stated noise is more than repeats scatter
     per_position: float = 1.0  # variance of a touched position over that of a residual's norm
+    chain: str = ""  # of which chain of a robot; empty where it has only one
 
     def variance_of(self, *sources: Source) -> float | None:
         """Of exactly these sources, or None where they have no number of their own."""
@@ -262,13 +265,13 @@ def error_budget(
         raise ParameterError("no arm among the observations", "one", where="error budget")
     names = problem.arm_parameters.names
     std = (encoders or EncoderNoise()).std(problem.arm)
-    at = linear(problem.terms, names, solution.values, std)
+    at = linear(problem.terms, problem.arm, names, solution.values, std)
     encoders_stated = encoders is not None
     blocks = _blocks("calibration", problem.terms, at, encoders_stated, None)
     covariance = solution.covariance[: len(names), : len(names)]
     if validation:
         values = fit_own(validation, problem.arm_parameters, solution.values)
-        held_out = linear(validation, names, values, std)
+        held_out = linear(validation, problem.arm, names, values, std)
         joint_covariance = solution.covariance_seen_by(validation)[: len(names), : len(names)]
         blocks += _blocks("validation", validation, held_out, encoders_stated, joint_covariance)
     # The model's share of a position; held-out data tell it best.
@@ -318,6 +321,7 @@ def _blocks(
                     overstated=0.0 < too_large * budget < (stated["encoders"] or 0.0),
                     # A position has three coordinates; a distance sees one of each of its ends.
                     per_position=3.0 / (block.size * term.noise_factor**2),
+                    chain=term.poses.chain,
                 )
             )
     return budgets

@@ -7,6 +7,7 @@ import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 from suta_calib.arm_keys import seen_from
 from suta_calib.errors import InputError, JobError, SamplesError, SutaCalibWarning
@@ -53,7 +54,14 @@ def read_term(
     """
     name = seen_from(row.chain, row.base_chain)
     arm = mechanism.chains[name] if isinstance(mechanism, Robot) else mechanism
-    samples = read_arm_samples(arm, row.sample_files, row.kind)
+    try:
+        samples = read_arm_samples(arm, row.sample_files, row.kind)
+    except SamplesError as error:
+        if isinstance(mechanism, Robot) and error.found == "''" and not error.hint:
+            hint = "rows of two chains in one file: give each chain a file of its own"
+            place: dict[str, Any] = {"file": error.file, "line": error.line, "where": error.where}
+            raise SamplesError(error.found, error.expected, **place, hint=hint) from None
+        raise
     setup = Setup(
         None if row.artefact is None else artefact(row.artefact),
         _noise(row.sigma_m, row.huber_m, row.sigma_fixed),

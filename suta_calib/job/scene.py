@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from suta_calib.arrays import FloatArray
+from suta_calib.model.arm import ArmModel
 from suta_calib.model.parameters import PLACEMENT, POSITION
 from suta_calib.model.robot import AnyArm
 from suta_calib.plotting.look import MOST_LABELLED
 from suta_calib.plotting.scene import (
     Arrows,
+    Line,
     Part,
     PlacedPoints,
     Scene,
@@ -30,13 +33,17 @@ def calibration_scene(
     """The arm at its first sample, the places of all samples, and errors before and after.
 
     By the values of all parameters. Errors are arrows from where the tip should have been to where
-    the arm says it is, all magnified alike.
+    the arm says it is, all magnified alike. Of a robot, chains that begin in its base are drawn:
+    what one hand sees of the other has no place in a picture in which both move.
     """
-    scene = Scene(())
-    for chain in arm.arms:
-        of_chain = [t for t in terms if isinstance(t.poses, ArmPoses) and t.poses.arm is chain]
-        for term in (of_chain or terms)[:1]:
-            scene += chain.scene(term.poses.samples.q[0])
+    first = arm.arms[0].chain.base
+    chains = [chain for chain in arm.arms if chain.chain.base == first]
+    terms = [term for term in terms if _chain_of(term) in (None, *chains)] or terms
+    drawn = list[Scene]()
+    for chain in chains:
+        of_chain = [term for term in terms if _chain_of(term) is chain]
+        drawn += [chain.scene(t.poses.samples.q[0]) for t in (of_chain or terms)[:1]]
+    scene = _together(drawn)
     errors = [_errors(terms, values) for values in (before, after)]
     size = float(np.ptp(scene.extent, axis=0).max())
     factor = magnification(errors[0][1], size)
@@ -57,6 +64,20 @@ def calibration_scene(
         labels = tuple(places) if len(places) <= MOST_LABELLED else ()
         parts.append(PlacedPoints(what, "place", np.array(list(places.values())), labels))
     return scene + Scene(tuple(parts))
+
+
+def _chain_of(term: Term) -> ArmModel | None:
+    return term.poses.arm if isinstance(term.poses, ArmPoses) else None
+
+
+def _together(scenes: Sequence[Scene]) -> Scene:
+    """Chains as one robot: a line of each, which what is not a number interrupts."""
+    parts = list[Part]()
+    for part, *others in zip(*(scene.parts for scene in scenes), strict=True):
+        gap = [np.full((1, 3), np.nan)] if isinstance(part, Line) else []
+        points = [part.points, *(p for other in others for p in (*gap, other.points))]
+        parts.append(replace(part, points=np.concatenate(points)))
+    return Scene(tuple(parts))
 
 
 def _places(terms: Sequence[Term], values: Mapping[str, float]) -> dict[str, dict[str, FloatArray]]:

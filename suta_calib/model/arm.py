@@ -5,7 +5,7 @@ from __future__ import annotations
 import pickle
 from collections.abc import Container, Iterable, Mapping, Sequence
 from copy import copy
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cached_property, lru_cache
 from pathlib import Path
 from types import MappingProxyType
@@ -21,6 +21,7 @@ from suta_calib.batched import Batched
 from suta_calib.errors import ParameterError, UrdfError
 from suta_calib.geometry.symbols import Symbol
 from suta_calib.inputs import XacroFile
+from suta_calib.model.bodies import ALONE, Bodies
 from suta_calib.model.chain import Chain, ChainJoint, chain_of
 from suta_calib.model.gravity import Load, beyond
 from suta_calib.model.kinematic_urdf import moving_model
@@ -41,7 +42,6 @@ from suta_calib.model.parameters import (
     MASS,
     OFFSET,
     POSITION,
-    End,
     Parameter,
     ParameterSet,
 )
@@ -50,26 +50,6 @@ from suta_calib.model.skeleton import Skeleton
 from suta_calib.model.urdf import folded_origin
 from suta_calib.model.urdf_tree import read_tree
 from suta_calib.plotting.scene import Scene
-
-
-@dataclass(frozen=True)
-class Bodies:
-    """What labels call the two ends of a chain, to tell those of several chains apart.
-
-    Attributes:
-        base, tip: put before the label of what stands in the base, or sits on the tip; empty for
-            the only chain there is, and for the base of a robot's first chain.
-    """
-
-    base: str = ""
-    tip: str = ""
-
-    def label(self, label: str, end: End) -> str:
-        """The label of something at one end, such that no other end has the same."""
-        body = self.tip if end == "tip" else self.base
-        if not body:
-            return label
-        return body if label == "default" else f"{body}/{label}"
 
 
 def configuration_of(model: pin.Model, motions: Mapping[str, float]) -> FloatArray:
@@ -118,7 +98,7 @@ class ArmModel(Mechanism):
         self.model = model
         self.grade = ""
         self.readings = chain.moving
-        self.bodies = Bodies()
+        self.bodies = ALONE
         self.beside = ParameterSet()
         # A fixed joint that carries the tip is known by the tip's name, all others by their own.
         tip = {**tips, **tip_owner(chain)}

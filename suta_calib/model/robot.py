@@ -11,7 +11,8 @@ from numpy.typing import ArrayLike
 
 from suta_calib.errors import ParameterError, did_you_mean
 from suta_calib.inputs import XacroFile
-from suta_calib.model.arm import ArmModel, Bodies, tip_owner
+from suta_calib.model.arm import ArmModel, tip_owner
+from suta_calib.model.bodies import Bodies
 from suta_calib.model.chain import Chain, ChainJoint, chain_of
 from suta_calib.model.kinematic_urdf import moving_model
 from suta_calib.model.kinematics import Segment
@@ -267,6 +268,7 @@ def _bodies(chains: Mapping[str, ArmModel]) -> dict[str, Bodies]:
         name: Bodies(
             called.get(arm.chain.base, arm.chain.base),
             called[arm.chain.tip_link] or arm.chain.tip_link,
+            name,
         )
         for name, arm in chains.items()
     }
@@ -285,7 +287,7 @@ def joined(arms: tuple[ArmModel, ...]) -> ArmModel | Robot:
     _check_one_robot(different)
     names = dict[str, ArmModel]()
     for arm in different:
-        name = arm.bodies.tip or arm.chain.tip
+        name = arm.bodies.name or arm.chain.tip
         names[name if name not in names else f"{arm.chain.base} to {name}"] = arm
     return Robot(names)
 

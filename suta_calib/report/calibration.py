@@ -158,7 +158,8 @@ def _about(result: Calibration) -> Iterator[tuple[str, str]]:
 def _counted(term: Term) -> str:
     """``225 samples of pairwise_distance, 1,575 distances, at 5 places``."""
     block, samples = term.blocks[0], term.poses.samples
-    sentence = f"{len(samples):,} samples of {term.kind}"
+    of = f"{term.kind} of {term.poses.chain}" if term.poses.chain else term.kind
+    sentence = f"{len(samples):,} samples of {of}"
     if len(block) != len(samples):
         sentence += f", {len(block):,} {block.name}s"
     if term.place in samples.labels:

@@ -16,6 +16,7 @@ from suta_calib.analysis.error_budget import (
 )
 from suta_calib.plotting.look import BLUE, GREY, ORANGE, WIDTH
 from suta_calib.report.document import Document, Figure, Part, Text
+from suta_calib.report.errors import in_words
 from suta_calib.report.listing import Column, Listing, written
 from suta_calib.report.svg import picture, svg_text
 from suta_calib.units import shown, text, unit_name
@@ -74,7 +75,11 @@ def budget_document(budget: ErrorBudget) -> Document:
         parts.append(_shares(block).of((*block.shares, total)))
     parts += [TIP.facts(budget.tip, ("source", "RMS", "unit")), Text(CAPTION)]
     blocks = [
-        {**BLOCK.record(block), "shares": _shares(block).records(block.shares)}
+        {
+            **BLOCK.record(block),
+            **({"chain": block.chain} if block.chain else {}),
+            "shares": _shares(block).records(block.shares),
+        }
         for block in budget.blocks
     ]
     data = {"blocks": blocks, "missing": list(budget.missing)}
@@ -111,9 +116,7 @@ def budget_plot(budget: ErrorBudget) -> str:
 
 
 def _name(block: BlockBudget) -> str:
-    kind = block.kind.replace("_", " ")
-    what = kind if block.block in kind else f"{kind} {block.block}"
-    return f"{block.data}: {what}, {block.count}"
+    return f"{block.data}: {in_words(block.kind, block.block, block.chain)}, {block.count}"
 
 
 def _shares(block: BlockBudget) -> Listing[Share]:

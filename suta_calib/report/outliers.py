@@ -121,7 +121,7 @@ def outliers_document(outliers: Outliers) -> Document:
     for term in outliers.terms:
         if term.levels:
             level, noun = term.levels[0], GROUPING_NOUN[term.levels[0].name]
-            title = f"{term.kind}, by {noun}, in the job's own fit: every touch counts, no flags"
+            title = f"{term.name}, by {noun}, in the job's own fit: every touch counts, no flags"
             group_listing = Listing(title, Column[Group]("label", noun), *_as_calibrated(term))
             parts += [group_listing.of(_shown(level)), Text(OWN_FIT)]
     parts += [_touches(term).of(term.touches, place="page") for term in outliers.terms]
@@ -139,7 +139,8 @@ def advice(outliers: Outliers) -> list[Text]:
     for term, levels in zip(outliers.terms, outliers.exclusion, strict=True):
         if not levels:
             continue
-        how = f"To leave it out, write into the {term.kind} row of the job:"
+        chain = f" with chain: {term.chain}" if term.chain else ""
+        how = f"To leave it out, write into the {term.kind} row of the job{chain}:"
         texts += [
             Text(how, bullet=True),
             Text(f"exclude: {yaml_text(levels, one_line=True)}", look="verbatim"),
@@ -174,7 +175,7 @@ def _groups(term: TermOutliers, level: Level) -> Listing[Group]:
         return NOTHING if effect is None else f"{shown(effect.change, '%'):+.1f}"
 
     return Listing(
-        f"{term.kind}, by {noun}",
+        f"{term.name}, by {noun}",
         Column("label", noun),
         *(_column(metric, term.unit, judged=True) for metric in METRICS),
         Column("", "validation %", cell=change, numeric=True),
@@ -235,6 +236,7 @@ def _term_dict(term: TermOutliers) -> Json:
                 row["displacement_std_mm"] = plain(displacement.std, "m")
     return {
         "kind": term.kind,
+        **({"chain": term.chain} if term.chain else {}),
         **levels,
         "thresholds": {
             level.name: {
@@ -264,6 +266,6 @@ def _figures(outliers: Outliers) -> list[Figure]:
         if not term.levels:
             continue
         name = NAME if len(outliers.terms) == 1 else f"{NAME}-{k}"
-        title = f"{term.kind}: the metrics {term.drawn_over}"
+        title = f"{term.name}: the metrics {term.drawn_over}"
         figures.append(Figure(partial(report.metrics_plot, term, name), title))
     return figures

@@ -18,6 +18,7 @@ from suta_calib.terms import ArmPoses, Setup, Term
 from suta_calib.terms.external_frame import ExternalFrame, pose_parameters, pose_values
 from suta_calib.terms.given_pose import GivenPose
 from suta_calib.terms.landmark import seated
+from suta_calib.terms.several_chains import over_chain
 from suta_calib.units import deg, mm
 
 
@@ -190,13 +191,24 @@ class TruePose:
 
 
 def true_poses(
-    plan: SetSpec, arm: ArmModel, samples: Samples, artefact: Artefact | None = None
+    plan: SetSpec,
+    arm: ArmModel,
+    samples: Samples,
+    artefact: Artefact | None = None,
+    laid_out: ArmModel | None = None,
 ) -> tuple[TruePose, ...]:
-    """Of all whose pose a calibration with the samples, of all files of a set, has to find."""
+    """Of all whose pose a calibration with the samples, of all files of a set, has to find.
+
+    They are called as they are beside other chains, where ``laid_out`` is the chain of a robot.
+    """
     setup = Setup(artefact=artefact, settings=plan.settings)
     term = plan.term.over(ArmPoses(arm, samples), setup)
     values = own_values(plan, term)
-    return tuple(TruePose(frame, *frame.pose(values)) for frame in term.outside)
+    named = over_chain(term, laid_out or arm)
+    return tuple(
+        TruePose(frame, *alone.pose(values))
+        for alone, frame in zip(term.outside, named.outside, strict=True)
+    )
 
 
 def own_values(plan: SetSpec, term: Term) -> dict[str, float]:

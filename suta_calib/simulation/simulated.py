@@ -141,6 +141,9 @@ def simulate(
             visitors[plan.name].kinematics.arm,
             Samples.concatenate(parts),
             artefacts.get(plan.name),
+            None
+            if isinstance(arm, ArmModel)
+            else arm.laid_out[seen_from(plan.chain, plan.base_chain)],
         )
         for plan in spec.sets
         for parts in [[f.samples for f in files if f.path.startswith(f"{plan.name}/")]]

@@ -11,17 +11,17 @@ from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.spatial import KDTree
 
-from suta_calib.arm_keys import seen_from
 from suta_calib.arrays import FloatArray, IntArray
 from suta_calib.errors import SamplesError
 from suta_calib.measurements.sample_files import JointRange, check_readings
 from suta_calib.measurements.samples import Samples
+from suta_calib.model.bodies import ALONE, Bodies
 from suta_calib.model.parameters import End
 from suta_calib.terms.block import numbered
 from suta_calib.units import mm
@@ -39,9 +39,11 @@ class PoseSource(ABC):
 
     Attributes:
         samples: the rows, with whatever was observed beside the pose.
+        bodies: what the ends of its chain are called, where a robot has several.
     """
 
     samples: Samples
+    bodies: Bodies
 
     def __len__(self) -> int:
         return len(self.samples)
@@ -52,7 +54,7 @@ class PoseSource(ABC):
     @property
     def chain(self) -> str:
         """Which of several chains of a robot has them; empty where there is only one."""
-        return ""
+        return self.bodies.name
 
     @cached_property
     def rests(self) -> IntArray:
@@ -73,8 +75,7 @@ class PoseSource(ABC):
 
     def label(self, label: str, end: End) -> str:
         """The label of something in the base or on the tip, beside those of other chains."""
-        del end
-        return label
+        return self.bodies.label(label, end)
 
     @abstractmethod
     def at(self, values: Mapping[str, float]) -> tuple[FloatArray, FloatArray]:
@@ -133,17 +134,11 @@ class ArmPoses(PoseSource):
             )
         check_readings(samples.q, joint_ranges(arm), samples.origin)
         _check_loops(arm, samples)
-        self.arm = arm
+        self.arm, self.bodies = arm, arm.bodies
         self.samples = samples
         # Readings that are looked at to learn how far the tip reaches: an average needs no more.
         self._levers = _Levers(arm, samples.q[:: 1 + len(samples) // 50])
         self._standing = _Standing(samples.q, loads=samples.payload)
-
-    @property
-    def chain(self) -> str:
-        """As a job calls it: ``left``, or ``left seen from right``."""
-        bodies = self.arm.bodies
-        return seen_from(bodies.tip, bodies.base)
 
     @property
     def reach(self) -> float:
@@ -167,10 +162,6 @@ class ArmPoses(PoseSource):
         """Rows whose readings hardly differ, as those of all samples tell."""
         return self._standing.postures
 
-    def label(self, label: str, end: End) -> str:
-        """With the name of the chain's end, where a robot has several chains (`Bodies`)."""
-        return self.arm.bodies.label(label, end)
-
     def at(self, values: Mapping[str, float]) -> tuple[FloatArray, FloatArray]:
         """Forward kinematics of the samples."""
         return self.arm.forward(self.samples.q, values, self.samples.conditions)
@@ -183,7 +174,7 @@ class ArmPoses(PoseSource):
         """The poses of some samples of the same arm."""
         # A study takes thousands of times: what the constructor refuses is in none of these.
         taken = object.__new__(ArmPoses)
-        taken.arm, taken.samples = self.arm, self.samples.take(rows)
+        taken.arm, taken.bodies, taken.samples = self.arm, self.bodies, self.samples.take(rows)
         taken._levers, taken._standing = self._levers, self._standing.take(rows)
         return taken
 
@@ -269,6 +260,7 @@ class MeasuredPoses(PoseSource):
         exact: whether their own noise may be left out of account when it is judged what the data
             tell: because it is small, or the caller judges by himself.
         judged: whether the solver judges what their noise makes up; False where the caller does.
+        bodies: what the ends of the chain are called that they are the poses of.
     """
 
     def __init__(
@@ -279,8 +271,9 @@ class MeasuredPoses(PoseSource):
         *,
         exact: bool = False,
         judged: bool = True,
+        bodies: Bodies = ALONE,
     ) -> None:
-        self.rotation, self.position = rotation, position
+        self.rotation, self.position, self.bodies = rotation, position, bodies
         self.samples, self.exact, self.judged = samples, exact, judged and not exact
 
     @cached_property
@@ -295,16 +288,18 @@ class MeasuredPoses(PoseSource):
         del values
         return np.asarray(self.rotation), np.asarray(self.position)
 
+    @property
+    def _kinds(self) -> dict[str, Any]:
+        return {"exact": self.exact, "judged": self.judged, "bodies": self.bodies}
+
     def with_samples(self, samples: Samples) -> MeasuredPoses:
         """The same measured poses."""
-        kinds = {"exact": self.exact, "judged": self.judged}
-        return MeasuredPoses(self.rotation, self.position, samples, **kinds)
+        return MeasuredPoses(self.rotation, self.position, samples, **self._kinds)
 
     def take(self, rows: ArrayLike) -> MeasuredPoses:
         """Some of the poses."""
         chosen, samples = np.asarray(rows), self.samples.take(rows)
-        kinds = {"exact": self.exact, "judged": self.judged}
-        return MeasuredPoses(self.rotation[chosen], self.position[chosen], samples, **kinds)
+        return MeasuredPoses(self.rotation[chosen], self.position[chosen], samples, **self._kinds)
 
 
 def together(q: FloatArray, tolerance: float = WANDER) -> IntArray:

@@ -147,7 +147,8 @@ def tip_displacements(term: Term, values: Mapping[str, float]) -> tuple[FloatArr
     block = term.blocks[0]
 
     def residual(shift: FloatArray) -> FloatArray:
-        moved = MeasuredPoses(rotation, position + shift, term.poses.samples)
+        samples, bodies = term.poses.samples, term.poses.bodies
+        moved = MeasuredPoses(rotation, position + shift, samples, bodies=bodies)
         return block_residuals([term.over_poses(moved)], ParameterSet(), values)[0]
 
     slopes = [(residual(d) - residual(-d)) / (2 * step) for d in step * np.eye(3)]

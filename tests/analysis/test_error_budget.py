@@ -192,7 +192,7 @@ def test_encoder_noise_is_propagated_as_monte_carlo_has_it() -> None:
     arm, std = arm_named("suta"), 2e-4
     where = artefact_scene("pairwise_distance", arm, {}, artefact(), placements(1), tilt=0.4)
     exact = where.exact()
-    at = linear([exact], [], {}, np.full(6, std))
+    at = linear([exact], arm, [], {}, np.full(6, std))
     drawn = []
     for seed in range(400):
         term = noisy(where, std, seed)

@@ -157,6 +157,19 @@ def test_what_is_wrong_with_chains_is_said(job: Path, old: str, new: str, messag
         CalibrationJob.load(job)
 
 
+def test_rows_of_two_chains_in_one_file_are_refused(job: Path):
+    """A file that has the columns of all joints, in each row those of one chain."""
+    left, right = ((job.parent / f"{name}_fitted.csv").read_text() for name in ("left", "right"))
+    (header, first, *_), (_, second, *_) = left.splitlines(), right.splitlines()
+    others = header.replace("torso_1,torso_2,", "").replace("left", "right").partition(",x")[0]
+    both = [f"{header},{others}", f"{first},,,,,,"]
+    torso, own, seen_at = second.split(",")[:2], second.split(",")[2:8], second.split(",")[8:]
+    both.append(",".join([*torso, *[""] * 6, *seen_at, *own]))
+    (job.parent / "left_fitted.csv").write_text("\n".join(both) + "\n")
+    with pytest.raises(InputError, match=r":3: column 'left_1': found ''.*each chain a file"):
+        CalibrationJob.load(job)
+
+
 def test_chains_of_two_urdfs_are_refused():
     robot, rng = torso_robot(), np.random.default_rng(0)
     other = ArmModel.from_urdf(torso_robot_urdf().replace("0 0 0.5", "0 0 0.6"), "left_hand")

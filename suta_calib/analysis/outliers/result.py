@@ -214,6 +214,7 @@ class TermOutliers(Displayable):
         exact: whether the fit leaves no errors, so that nothing was compared.
         moves: of what was moved between its rows.
         unit: SI unit of its errors: of ``sigma``, of residuals and of the bias.
+        chain: of which chain of a robot; empty where it has only one.
     """
 
     kind: str
@@ -227,6 +228,12 @@ class TermOutliers(Displayable):
     exact: bool = False
     moves: tuple[Move, ...] = ()
     unit: Unit = "m"
+    chain: str = ""
+
+    @property
+    def name(self) -> str:
+        """Its kind, and of which chain."""
+        return f"{self.kind} of {self.chain}" if self.chain else self.kind
 
     @property
     def unexplained(self) -> float:
@@ -287,14 +294,14 @@ class Outliers(Displayable):
         solution, terms = self.solution, self.terms
         bad = [] if solution.converged else [f"The calibration itself failed: {solution.sentence}."]
         bad += [
-            f"The {t.samples} samples of {t.kind} are fitted exactly, because there are as many "
+            f"The {t.samples} samples of {t.name} are fitted exactly, because there are as many "
             "unknowns as data. Outliers cannot be found. Measure more, or select fewer "
             "parameters."
             for t in terms
             if t.exact
         ]
         bad += [
-            f"The samples of {t.kind} scatter by {_size(t.unexplained, t.unit, '.3g')} per axis "
+            f"The samples of {t.name} scatter by {_size(t.unexplained, t.unit, '.3g')} per axis "
             "for any geometry of the arm. Something is wrong with most of them (a joint's sign, "
             "a unit, rows that do not belong together), so single outliers cannot be found. Run "
             "suta-calib calibrate to find the cause."

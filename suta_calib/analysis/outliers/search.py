@@ -120,9 +120,15 @@ def find_outliers(
     terms = []
     for k, (term, groups) in enumerate(zip(problem.terms, levels, strict=True)):
         own = ReferenceFit.of(solution, problem.arm_parameters, k)
-        judge = Judge(own, tuple(t for t in validation if t.kind == term.kind))
+        judge = Judge(own, _alike(term, validation))
         terms.append(TermSearch(own, arm, judge, thresholds, options.seed, count).run(groups))
     return Outliers(solution, terms, thresholds, tuple(p.name for p in arm.values() if p.free))
+
+
+def _alike(term: Term, others: Sequence[Term]) -> tuple[Term, ...]:
+    """Those of the same kind and the same chain."""
+    of = term.kind, term.poses.chain
+    return tuple(other for other in others if (other.kind, other.poses.chain) == of)
 
 
 def whole_arm(arm: AnyArm | None, job: ParameterSet) -> ParameterSet:
@@ -195,6 +201,7 @@ class TermSearch:
             self.judge.method,
             moves=find_moves(single, unknowns, linear, self.thresholds),
             unit=self.reference.term.error_unit,
+            chain=self.reference.term.poses.chain,
         )
 
     def _levels(
@@ -275,7 +282,10 @@ class TermSearch:
 def not_searched(term: Term, *, exact: bool = False) -> TermOutliers:
     """A term of a calibration that did not converge or fits exactly: nothing to compare with."""
     return TermOutliers(
-        term.kind, (), (), len(term.poses), float("nan"), exact=exact, unit=term.error_unit
+        *(term.kind, (), (), len(term.poses), float("nan")),
+        exact=exact,
+        unit=term.error_unit,
+        chain=term.poses.chain,
     )
 
 
