@@ -17,9 +17,10 @@ from suta_calib.inputs import UrdfFile, XacroFile
 from suta_calib.job.arm_grade import ARM_GRADES, guessed_grade
 from suta_calib.job.new_job import Template, new_job, write_job
 from suta_calib.model.arm import ArmModel
-from suta_calib.model.chain import ends, other_arms
+from suta_calib.model.chain import ends, other_chains
 from suta_calib.model.robot import AnyArm, Robot
 from suta_calib.model.urdf_tree import read_tree
+from suta_calib.words import listed
 
 
 @click.command()
@@ -73,12 +74,11 @@ def init(
     notes = [note for chain in arm.chained for note in chain.notes]
     for note in (*(made.notes if made else ()), *(f"{n}." for n in dict.fromkeys(notes))):
         click.echo(f"{urdf}: {note}", err=True)
-    if isinstance(arm, ArmModel) and (others := other_arms(tree, arm.chain.tip_link)):
-        again = " ".join(f"--tip {link}={link}" for link in (arm.chain.tip, *others))
+    if isinstance(arm, ArmModel) and (others := other_chains(tree, arm.chain.tip_link)):
         click.echo(
-            f"{urdf}: the robot has other arms, which end at {', '.join(others)}. This job is for "
-            f"{arm.chain.tip} alone. For one job with all of them, in which shared joints are one "
-            f"unknown: {again}",
+            f"{urdf}: the robot has other chains, which end at {listed(others, 6)}. This job is "
+            f"for {arm.chain.tip} alone. One job can hold several, in which shared joints are one "
+            "unknown: give --tip NAME=LINK for each.",
             err=True,
         )
     named = urdf if made is None else out / Path(urdf).with_suffix(made.kind).name

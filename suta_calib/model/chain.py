@@ -246,8 +246,8 @@ def ends(tree: UrdfTree) -> str:
     return f"the chains of the file end at {listed([quoted(link) for link in links], 12)}"
 
 
-def other_arms(tree: UrdfTree, tip: str) -> list[str]:
-    """Links at the ends of what may be further arms: a robot has several, and a chain only one.
+def other_chains(tree: UrdfTree, tip: str) -> list[str]:
+    """Links at the ends of what may be other arms or legs, one for each.
 
     Args:
         tree: of the robot.

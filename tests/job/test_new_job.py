@@ -19,7 +19,7 @@ from suta_calib.job.arm_grade import ARM_GRADES, ArmGrade, guessed_grade
 from suta_calib.job.new_job import new_job, write_job
 from suta_calib.job.schema import read_job
 from suta_calib.measurements import read_artefact
-from suta_calib.model.chain import other_arms
+from suta_calib.model.chain import other_chains
 from suta_calib.model.parameters import OFFSET, POSITION
 from suta_calib.model.urdf_tree import read_tree
 from suta_calib.terms import KINDS
@@ -286,7 +286,7 @@ def test_two_tips_make_a_job_of_two_chains(
 ) -> None:
     out, tips = tmp_path / "job", ("--tip", "left=left_hand", "--tip", "right_hand")
     assert cli("init", torso, *tips, "--kind", "tracked_point", "--out", out) == 0
-    assert "other arms" not in capsys.readouterr().err
+    assert "other chains" not in capsys.readouterr().err
     job = read_job(out / "calibration.yaml")
     assert {name: chain.tip for name, chain in job.arm.chains.items()} == {
         "left": "left_hand",
@@ -317,8 +317,8 @@ def test_who_names_one_of_two_arms_is_told_of_the_other(
     assert "--tip NAME=LINK for each" in capsys.readouterr().err
     assert cli("init", torso, "--tip", "left_hand", "--out", tmp_path / "job") == 0
     said = capsys.readouterr().err
-    assert "has other arms, which end at right_hand" in said
-    assert "--tip left_hand=left_hand --tip right_hand=right_hand" in said
+    assert "has other chains, which end at right_hand. This job is for left_hand alone" in said
+    assert "--tip NAME=LINK for each" in said
 
 
 @pytest.mark.parametrize(
@@ -343,7 +343,7 @@ def test_tips_of_a_new_job_that_cannot_be_used(
     assert not (tmp_path / "job").exists()
 
 
-def test_what_a_tip_carries_is_no_other_arm() -> None:
+def test_what_a_tip_carries_is_no_other_chain() -> None:
     tree = read_tree(torso_robot_urdf())
-    assert other_arms(tree, "left_hand") == ["right_hand"]
-    assert other_arms(tree, "torso_b") == []
+    assert other_chains(tree, "left_hand") == ["right_hand"]
+    assert other_chains(tree, "torso_b") == []
