@@ -1,4 +1,4 @@
-"""One call that judges: observations and an arm in, a calibration with its assessment out."""
+"""One call: from observations and an arm to a calibration with its verdict."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def calibrate(
     free: Free = GEOMETRIC,
     options: SolverOptions = SolverOptions(),
 ) -> Calibration:
-    """Calibrate an arm from what was observed, and judge the answer.
+    """Calibrate an arm from observations, and assess the result.
 
     ::
 

@@ -1,4 +1,4 @@
-"""How far an answer may be trusted: in one word, a sentence, and what must be known to use it.
+"""The verdict on a result: one word, a sentence, and the notes to read before using it.
 
 Every answer of this package has an ``assessment``, made where the answer is made. The exit code,
 the JSON, the report and whoever reads an answer back ask it; nobody judges twice.
@@ -24,11 +24,11 @@ T = TypeVar("T")
 
 
 class NotExplainedWarning(UserWarning):
-    """Part of judging, explaining or drawing failed, and the answer goes on without that part."""
+    """A check, explanation or picture failed; the result is complete without it."""
 
 
 def attempt(what: str, compute: Callable[[], T], otherwise: T, notes: list[str] | None = None) -> T:
-    """Compute a part of judging, explaining or drawing; its failure never costs the answer.
+    """Compute a check, an explanation or a picture; if it fails, the result is kept.
 
     Args:
         what: is done with what, as the end of "not …": ``explained: joint_1.x``.
@@ -60,12 +60,12 @@ def attempt(what: str, compute: Callable[[], T], otherwise: T, notes: list[str] 
 
 
 def judge(what: str, compute: Callable[[], Iterable[T]], notes: list[str] | None = None) -> list[T]:
-    """The findings of one judge, or none with a note where it fails (`attempt`)."""
+    """The findings of one check; if it fails, none, with a note (`attempt`)."""
     return attempt(f"judged: {what}", lambda: list(compute()), [], notes)
 
 
 def judged(assess: Callable[[A], Assessment]) -> Callable[[A], Assessment]:
-    """An answer's assessment whose failure is a reason for care, and does not cost the answer.
+    """The assessment of a result; if it fails, the verdict is "care" and the result is kept.
 
     An answer that was judged in part while it was made lists in ``unjudged`` what failed there.
     """
@@ -86,7 +86,7 @@ def judged(assess: Callable[[A], Assessment]) -> Callable[[A], Assessment]:
 
 @dataclass(frozen=True, repr=False)
 class Assessment:
-    """The first thing a reader needs.
+    """The verdict on a result, with its reasons.
 
     Attributes:
         level: ``good``; ``care`` (usable, but something must be known); ``bad`` (not usable).
@@ -111,7 +111,7 @@ class Assessment:
         care: Sequence[str] = (),
         facts: Sequence[str] = (),
     ) -> Assessment:
-        """The worst of what was found.
+        """The verdict from all findings: the worst one counts.
 
         Args:
             sentence: what was found.
@@ -123,18 +123,18 @@ class Assessment:
         return cls(level, sentence, (*bad, *care, *facts))
 
     def with_care(self, notes: Sequence[str]) -> Assessment:
-        """The same, with more that must be known."""
+        """The same with more notes that are a reason for care."""
         level: Level = "care" if notes and self.level == "good" else self.level
         return replace(self, level=level, notes=(*self.notes, *notes))
 
     @property
     def usable(self) -> bool:
-        """Whether the answer may be used at all."""
+        """Whether the result can be used."""
         return self.level != "bad"
 
     @property
     def exit_code(self) -> int:
-        """Of a command that gave this answer: 0, or 1 where it must not be used."""
+        """Exit code of the command: 0, or 1 if the result must not be used."""
         return 0 if self.usable else NOT_USABLE
 
     @property
@@ -143,7 +143,7 @@ class Assessment:
         return WORD[self.level]
 
     def as_dict(self) -> dict[str, Any]:
-        """The one shape of a judgement in JSON: the key ``verdict`` of every answer."""
+        """The key ``verdict`` that every result has in JSON."""
         return {
             "level": self.level,
             "usable": self.usable,
@@ -153,18 +153,18 @@ class Assessment:
 
 
 def read_assessment(answer: Mapping[str, Any]) -> Assessment:
-    """What an answer that was read back from JSON says of itself; care where it says nothing."""
+    """The verdict of a result that was read from JSON; "care" if it has none."""
     verdict = _verdict(answer)
     level, notes = verdict.get("level"), verdict.get("notes")
     return Assessment(
         level if level in WORD else "care",
-        str(verdict.get("sentence", "it does not say whether it may be used")),
+        str(verdict.get("sentence", "it has no verdict")),
         tuple(map(str, notes)) if isinstance(notes, list) else (),
     )
 
 
 def says_usable(answer: Mapping[str, Any]) -> bool:
-    """Whether an answer that was read back from JSON may be used."""
+    """Whether a result that was read from JSON can be used."""
     # Written before answers carried their judgement: whether it converged is all there is.
     converged = answer.get("status", "converged") == "converged"
     return bool(_verdict(answer).get("usable", converged))
@@ -182,7 +182,7 @@ def refuse_unusable(
     anyway: bool = False,
     insist: str = "--anyway",
 ) -> None:
-    """Refuse to build on an answer that must not be used.
+    """Raise an error if a result must not be used.
 
     Args:
         answer: as read back from JSON, or the assessment of one that was just made.
@@ -200,9 +200,9 @@ def refuse_unusable(
     notes = [str(note) for note in said.get("notes", ())]
     why = next(iter(notes), str(said.get("sentence", "")) or "it did not converge")
     raise UnusableResultError(
-        f"an answer that must not be used ({why.rstrip('.')})",
-        "one that may be",
+        f"a result that must not be used ({why.rstrip('.')})",
+        "a usable result",
         file=file,
         where="" if isinstance(answer, Assessment) else "verdict",
-        hint=f"mend what it names and run it again, or insist with {insist}",
+        hint=f"correct the problem and run again, or use it with {insist}",
     )

@@ -288,7 +288,7 @@ def test_a_joint_that_counts_backwards_writes_no_urdf(joint: str, tmp_path: Path
     result = calibrate(ARM, terms[0], validation=terms[1])
     assert result.assessment.level == "bad"
     assert f"{joint} counts the other way" in result.assessment.notes[0]
-    with pytest.raises(UnusableResultError, match=rf"{joint} counts.*insist with anyway=True"):
+    with pytest.raises(UnusableResultError, match=rf"{joint} counts.*use it with anyway=True"):
         result.write_urdf(tmp_path / "arm.urdf")
     assert not [*tmp_path.iterdir()]
     result.write_urdf(tmp_path / "arm.urdf", anyway=True)

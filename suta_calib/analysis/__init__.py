@@ -1,4 +1,4 @@
-"""How far to trust a calibration.
+"""Analyses of a calibration: errors, outliers, plans, studies.
 
 Names are imported when they are first used. The analyses themselves are `suta_calib.error_budget`
 and `suta_calib.tip_map`; larger ones have a package of their own.

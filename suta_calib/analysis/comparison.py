@@ -1,4 +1,4 @@
-"""Two arms on the same held-out data: the job's own URDF against any other."""
+"""Compares two arms on the same validation data: the job's URDF and another one."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ class ArmComparison:
 
     @cached_property
     def gain(self) -> Gain:
-        """What the other arm is better, and how surely."""
+        """Difference of the errors of both arms, with its significance."""
         gain = gain_of(self.terms, self.unsure, self.unsure_std)
         assert gain is not None
         return gain
@@ -54,7 +54,7 @@ class ArmComparison:
     @cached_property
     @judged
     def assessment(self) -> Assessment:
-        """Care where the other arm is worse, or the data cannot tell; it is of use in any case."""
+        """Care if the other arm is worse or the data show no difference; always usable."""
         gain = self.gain
         job_rms, this = (text(rms, gain.unit, with_unit=True) for rms in (gain.before, gain.after))
         care = []

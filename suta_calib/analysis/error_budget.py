@@ -1,4 +1,4 @@
-"""Where the errors come from: encoders, seating, the artefact, gross errors, and the model.
+"""Splits the errors by source: encoders, seating, artefact, gross errors, and the model.
 
 The mean square of a block's residuals is split into what each source is known to put there:
 
@@ -57,7 +57,7 @@ WORDS: Final[dict[Source, str]] = {
 
 @dataclass(frozen=True)
 class EncoderNoise:
-    """What is known of the encoders beforehand.
+    """Known noise of the encoders.
 
     Attributes:
         bits: revolute joints read whole steps of 2π / 2^bits; None where that is not known.
@@ -117,7 +117,7 @@ def linear(
         n, size = error.shape
         motion = line.pattern.by_velocity(line.by_pose)
         residuals.append(error)
-        # If every sample's readings err independently.
+        # If the readings of the samples have independent errors.
         variance = np.zeros(motion.shape[0])
         for column, level in zip(by_joint.T, std, strict=True):
             block = sparse.csr_array((column, (rows, samples)))
@@ -132,7 +132,7 @@ def linear(
 
 @dataclass(frozen=True)
 class Share:
-    """A part of the mean square (m², rad²) of one source, or several that stand together."""
+    """Part of the mean square (m², rad²) from one source, or from several together."""
 
     sources: tuple[Source, ...]
     variance: float
@@ -203,7 +203,7 @@ class ErrorBudget(Displayable):
     Attributes:
         blocks: of the observations, then of the validation data.
         tip: what it means for the tip in use.
-        missing: what would have to be known to tell more, one sentence each.
+        missing: what must be known for a finer split, one sentence each.
     """
 
     blocks: tuple[BlockBudget, ...]
@@ -213,7 +213,7 @@ class ErrorBudget(Displayable):
     @property
     @judged
     def assessment(self) -> Assessment:
-        """What dominates, and what the data do not tell: lengths first, held-out data first."""
+        """The largest source, and what the data do not show: lengths and validation data first."""
         first = min(self.blocks, key=lambda b: (b.data != "validation", b.unit != "m"))
         largest = max(first.inside, key=lambda s: s.variance)
         total = sum(s.variance for s in first.inside)
@@ -239,7 +239,7 @@ class ErrorBudget(Displayable):
 def error_budget_of_job(
     job: CalibrationJob, progress: Progress | None = None, *, anyway: bool = False
 ) -> ErrorBudget:
-    """Calibrate a job, whose section ``encoders`` states what is known, and split its errors."""
+    """Calibrate a job and split its errors; its section ``encoders`` states the encoder noise."""
     said = job.spec.encoders
     encoders = None if said is None else EncoderNoise(said.bits, said.noise_rad, said.noise_m)
     return error_budget(job.usable_solution(progress, anyway=anyway), job.validation, encoders)
@@ -250,7 +250,7 @@ def error_budget_of_job(
 def error_budget(
     solution: Solution, validation: Sequence[Term] = (), encoders: EncoderNoise | None = None
 ) -> ErrorBudget:
-    """Split the residuals of a calibration by where they come from.
+    """Split the residuals of a calibration by their sources.
 
     Args:
         solution: a converged one, over an arm.
@@ -274,7 +274,7 @@ def error_budget(
         held_out = linear(validation, problem.arm, names, values, std)
         joint_covariance = solution.covariance_seen_by(validation)[: len(names), : len(names)]
         blocks += _blocks("validation", validation, held_out, encoders_stated, joint_covariance)
-    # The model's share of a position; held-out data tell it best.
+    # The model's share of a position, best from validation data.
     lengths = sorted((b for b in blocks if b.unit == "m"), key=lambda b: b.data != "validation")
     model = lengths[0].variance_of("model") if lengths else None
     tip = TipBudget(
@@ -298,7 +298,7 @@ def _blocks(
     too_large = 1.5
     for term in terms:
         for block in term.blocks:
-            # What was read again at one rest says nothing new of where errors come from.
+            # Readings repeated at one rest add no information on the sources.
             once = one_of_each_rest(term, block)
             residual, by_reading, by_parameters = (array[once] for array in next(by_block))
             stated: dict[Source, float | None] = {
@@ -374,7 +374,7 @@ def _missing(blocks: Sequence[BlockBudget], encoders_stated: bool) -> tuple[str,
             "The noise of the encoders is not given, so their share is not shown separately. Add "
             "encoders: {bits: …, noise_deg: …} to the job."
         )
-    # What would tell scatter from model, for the kinds in which they stand together.
+    # How to separate scatter from model errors, for the kinds that show them together.
     mixed = {
         b.kind
         for b in blocks

@@ -28,7 +28,7 @@ from suta_calib.trust.tip import taken_as_cool
 from suta_calib.units import Unit, mm, shown, text, unit_name
 from suta_calib.words import listed
 
-# 3-D RMS that laboratories ask of a navigation system, m.
+# 3-D RMS that laboratories require of a navigation system, m.
 THRESHOLDS: Final = (0.3e-3, 0.5e-3)
 _GRID: Final = 61
 FEWEST_FIDUCIALS: Final = 3
@@ -36,11 +36,12 @@ FEWEST_FIDUCIALS: Final = 3
 
 @dataclass(frozen=True, eq=False)
 class TipMapOptions(Displayable):
-    """What is asked for.
+    """Options of a tip map.
 
     Attributes:
         box: (2, 3) corners of the region in the base, m; by default around what was touched.
-        place: (3,) where one registers, m; by default amid what was touched, or in the box.
+        place: (3,) point around which the registration is done, m; by default amid what was
+            touched, or in the box.
         tolerance: the RMS over the region that is good enough, m; None where any is.
         grid: points along each side of a section.
         seed: of the searches for postures.
@@ -79,7 +80,7 @@ class Figures:
 
 @dataclass(frozen=True)
 class OpenDirection:
-    """A parameter that was held, how far off it may be (m, rad), and the tip's RMS error then, m.
+    """A held parameter, its possible error (m, rad), and the RMS error of the tip that follows, m.
 
     The tip is registered, and its error is that over the region.
     """
@@ -92,7 +93,7 @@ class OpenDirection:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class TipMap(Displayable):
-    """The answer.
+    """The uncertainty of the tip in a region and over the workspace.
 
     Attributes:
         knowledge: what was known.
@@ -140,7 +141,7 @@ class TipMap(Displayable):
     @property
     @judged
     def assessment(self) -> Assessment:
-        """How sure the tip is, whether that is enough, and what it does not say."""
+        """The uncertainty of the tip, whether it is small enough, and what it does not include."""
         rms, p95 = (text(size, "m") for size in (self.registered.rms, self.registered.p95))
         sentence = (
             f"Uncertainty of the tip from the calibration: {rms} mm (3-D RMS in the region, "
@@ -175,7 +176,7 @@ class TipMap(Displayable):
 
 @checked
 def tip_map_of_solution(solution: Solution, options: TipMapOptions) -> TipMap:
-    """The map of a calibration, with the tool as it was held and its own artefact registered.
+    """The map of a calibration, with its tool directions, registered on its artefact.
 
     Args:
         solution: a converged one, over an arm.
@@ -263,7 +264,7 @@ def tip_map(
     grid: int = _GRID,
     seed: int = 0,
 ) -> TipMap:
-    """Predict how far the tip may be off, over the workspace and in a region of it.
+    """Predict the uncertainty of the tip over the workspace and in a region.
 
     Args:
         knowledge: the calibrated arm.

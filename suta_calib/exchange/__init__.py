@@ -1,4 +1,4 @@
-"""Into and out of the files of other programs: one module per format, each describing itself."""
+"""Reads and writes files of other programs: one module for each format, with its help texts."""
 
 import lazy_loader
 

@@ -100,7 +100,7 @@ def read_foreign_text(path: Path) -> str:
 
 
 def read_json(path: Path) -> dict[str, Any]:
-    """The one JSON object in a file, with something in it; one error for whatever is wrong."""
+    """The JSON object in a file, which is not empty; every problem raises the same error."""
     try:
         data = json.loads(read_foreign_text(path))
     except json.JSONDecodeError as problem:

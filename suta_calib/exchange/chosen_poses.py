@@ -1,4 +1,4 @@
-"""Which poses of a result are written, and what the user calls their frames."""
+"""Chooses the poses of a result to write, with the user's names of their frames."""
 
 from __future__ import annotations
 

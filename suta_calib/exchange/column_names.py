@@ -1,4 +1,4 @@
-"""What the columns of a foreign table are called, and what that says."""
+"""Names of the columns in tables of other programs, and their meaning."""
 
 from __future__ import annotations
 

@@ -166,7 +166,7 @@ def _with_point(cell: str) -> str:
 
 def _signs(path: Path, text: str, given: Given) -> tuple[str, str]:
     """Separator and decimal sign: the only ones that make the most of the file's cells numbers."""
-    # Rows that tell how a file is laid out.
+    # Rows from which the layout of a file is recognised.
     enough = 200
     lines = text[: 400 * enough].splitlines(keepends=True)
     whole_lines = lines[:-1] if len(lines) > 1 and len(text) > 400 * enough else lines

@@ -1,4 +1,4 @@
-"""What a foreign file became: rows of a samples or poses CSV, or another file of this package."""
+"""A converted file of another program: rows of a samples or poses CSV, or another file."""
 
 from __future__ import annotations
 
@@ -67,12 +67,12 @@ class Imported(Displayable, ABC):
     @property
     @abstractmethod
     def sentence(self) -> str:
-        """What it became."""
+        """Summary of the conversion, as a sentence."""
 
     @cached_property
     @judged
     def assessment(self) -> Assessment:
-        """Care where something must be known; it is of use in any case."""
+        """Care if there are notes to read; always usable."""
         return Assessment.of(self.sentence, care=self.notes, facts=self.remarks)
 
     def write(self, path: str | Path) -> None:
@@ -232,7 +232,7 @@ def checked_places(
 
 
 def distance_notes(position: FloatArray, unit: str) -> tuple[str, ...]:
-    """A question where lengths (n, 3), m, look like another unit."""
+    """A note if positions (n, 3), m, look like another unit."""
     distance = float(np.median(np.linalg.norm(position, axis=1))) if len(position) else 0.0
     if distance > FAR:
         return (

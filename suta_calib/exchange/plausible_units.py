@@ -1,4 +1,4 @@
-"""What six numbers of a pose may be, by what an arm or a tracker can do: for ``import --guess``.
+"""Plausible interpretations of six numbers of a pose, for ``import --guess``.
 
 A guess is taken where one reading of the numbers is plausible and no other: angles within a turn,
 rotation vectors of a norm within half a turn, positions at a distance at which arms and trackers
@@ -20,7 +20,7 @@ from suta_calib.exchange.rotations import EULER
 from suta_calib.units import from_deg
 
 VECTOR: Final = "vector"
-# Of Euler angles whose order nobody says: roll, pitch, yaw of URDF and ROS.
+# Order of Euler angles if it is not stated: roll, pitch, yaw of URDF and ROS.
 RPY: Final = "xyz"
 # Median distance from the origin, in the unit, of positions that are an arm's or a tracker's.
 _DISTANCES: Final = {"m": (0.003, 10.0), "mm": (100.0, 10_000.0)}

@@ -1,4 +1,4 @@
-"""What reads a foreign format: `Reader`, one file each in ``readers/``."""
+"""Base class of all readers of other programs' formats; ``readers/`` has a file for each."""
 
 from __future__ import annotations
 
@@ -76,7 +76,7 @@ def read_foreign(path: str | Path, form: str | None = None, **options: Any) -> I
 
 
 def recognised(path: Path) -> Reader:
-    """The format that a file is of: a table where no other recognises it."""
+    """The format of a file; a table if no other format recognises it."""
     head = beginning(path)
     readers = import_formats()
     recognising = [

@@ -1,4 +1,4 @@
-"""Of which format a file is that was taken for another, and which command reads it."""
+"""Recognises the format of a file that a command cannot read, and the command that can."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ _URDF: Final = (
 
 @dataclass(frozen=True)
 class FileFormat:
-    """What a file is.
+    """A file format, and the commands that read it.
 
     Attributes:
         name: of its format, in a few words.
@@ -162,7 +162,7 @@ def recognised_format(path: Path) -> FileFormat | None:
 
 
 def other_format(error: InputError, command: str) -> str:
-    """What to say of a file that a command could not read, if it is one for another command."""
+    """The format of a file that this command cannot read but another command can."""
     if error.file is None:
         return ""
     found = recognised_format(error.file)

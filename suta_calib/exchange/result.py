@@ -1,4 +1,4 @@
-"""A result that was written, read back whole: the arm, its values, and the poses found with it."""
+"""Reads a written result: the arm, its values, and the poses that were estimated."""
 
 from __future__ import annotations
 
@@ -140,7 +140,7 @@ class CalibratedArm:
 
 @dataclass(frozen=True, eq=False)
 class Result(Displayable):
-    """An answer as it was written.
+    """A result as it was written.
 
     Attributes:
         path: the ``result.json``.
@@ -158,11 +158,11 @@ class Result(Displayable):
 
     @property
     def usable(self) -> bool:
-        """Whether it says of itself that it may be used."""
+        """Whether its verdict allows its use."""
         return says_usable(self.data)
 
     def need_arm(self, form: str) -> CalibratedArm:
-        """The arm, for a format that is nothing without one."""
+        """The arm, for a format that needs one."""
         if self.arm is None:
             problem = f"no calibrated arm, which the format {form} needs"
             raise InputError(problem, "the result of suta-calib calibrate", file=self.path)
@@ -190,7 +190,7 @@ def read_result(
     chain: str = "",
     anyway: bool = False,
 ) -> Result:
-    """Read an answer back, with the arm of the job that it was made from.
+    """Read a result, with the arm of its job.
 
     Args:
         path: ``result.json``, or the folder it is in.

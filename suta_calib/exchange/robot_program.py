@@ -25,7 +25,7 @@ from suta_calib.units import from_deg, from_mm
 from suta_calib.words import listed
 
 WHAT: Final = Option(
-    "what", "Kind of positions to read, if there are both.", choices=("joints", "poses")
+    "what", "Kind of positions to read, if the file has both.", choices=("joints", "poses")
 )
 NAMES: Final = Option(
     "joint_names", "Names of the joints, in their order.", "joint_1,…", several=True

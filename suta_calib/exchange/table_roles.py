@@ -82,7 +82,7 @@ _FOURTH: Final = tuple(
 # The columns of a rotation as robotics calls them: normal, orientation, approach.
 _AXES: Final = (tuple(letter + axis for letter in "noa" for axis in "xyz"),)
 _ORIENTATIONS: Final = (*_QUATERNIONS, *_MATRICES, *_AXES, *_ANGLES)
-# In front of x, y, z that say how sure a position is.
+# Prefixes of x, y, z for the standard deviation of a position.
 _SPREADS: Final = ("sigma_", "std_")
 # Forms of angles of these names: KUKA's A turns about Z; rx, ry, rz may be any.
 _USUAL_ANGLES: Final = {"roll": (RPY,), "a": ("ZYX",)}

@@ -99,8 +99,8 @@ COMMON_KEYS: Final = Fields(
         "huber_mm",
         LENGTH,
         "Robust threshold: rows with larger errors get less weight; least squares without it. "
-        "Where the noise is estimated with priors, or beside another kind's, and is not fixed, "
-        "the threshold follows it down.",
+        "If the noise is estimated together with priors or with the noise of another kind, the "
+        "threshold is at most Huber's usual multiple of that noise.",
         given_attribute="huber_m",
     ),
     Field("huber_deg", ANGLE, "The same for angles.", given_attribute="huber_rad"),

@@ -76,7 +76,7 @@ class LengthLimit:
         "k",
     )
     largest: float | None = keyed(
-        _micrometres("positive"), "B: the largest value, however long the length.", None, "max_um"
+        _micrometres("positive"), "B: the largest value, for any length.", None, "max_um"
     )
 
     @classmethod
@@ -142,7 +142,7 @@ class StatedUncertainty:
     repeatability: float = _of_place("repeatability", "non-negative", 0.0)
     per_length: float = keyed(
         replace(_micrometres("non-negative"), takes="µm/m"),
-        "For a length, by its length, beside length_mm.",
+        "For a length: a part in proportion to the length, added to length_mm.",
         0.0,
         "length_um_per_m",
     )

@@ -44,7 +44,7 @@ _SHEET: Final = f"""\
 {_LANDMARKS}name: my sheet
 grade: printed
 # A printer makes a sheet up to 1 % too long or too short, along x and along y by different factors:
-# both are estimated. What both have in common cannot be told from the lengths of the arm: unless
+# both are estimated. But the data cannot separate their mean from the lengths of the arm: unless
 # the sheet is measured, the arm stays up to 1 % too long or too short, and the verdict says so.
 # So measure the sheet along both sides with a steel ruler, write the result into the positions, and
 # state how good the ruler was: 1000 ppm are 0.2 mm over 200 mm.

@@ -1,4 +1,4 @@
-"""A robust start: what most rows agree on, whatever the others say.
+"""A robust start: the model on which most rows agree.
 
 Least median of squares over seeded minimal samples (Rousseeuw 1984, doi:10.2307/2288718), the best
 of them concentrated on their better half (Rousseeuw and Van Driessen 1999, doi:10.2307/1270566).

@@ -1,4 +1,4 @@
-"""Rows that err alike because they are alike: what that adds to an estimate's covariance.
+"""Errors that similar rows share, and their part in an estimate's covariance.
 
 A robot errs alike in neighbouring poses, a camera alike where it sees the target in the same place,
 and a tracker alike a moment later. Least squares takes every row for a cluster of its own, so its ±
@@ -185,7 +185,7 @@ def _kernels(
     # Part of the variance that neighbours may share. An arm repeats some fifteen times better than
     # it is accurate: what its neighbouring poses do not share may be that little.
     parts = (0.3, 0.6, 0.9, 0.98, 0.996)
-    # How likely it is beforehand that every row errs for itself.
+    # Prior probability that the errors of rows are independent.
     independent = 0.8
     yield independent, np.eye(count), (0.0,)
     shapes = list[FloatArray]()
@@ -234,7 +234,7 @@ def _restricted(
     power -= np.sum(np.where(determined, sums**2 / values, 0.0), axis=2)
     scale = np.maximum(power, 1e-300) / np.maximum(freedom, 1)
     log_determinant = np.log(np.diagonal(factor, axis1=1, axis2=2)).sum(axis=1)[:, None]
-    # An unknown of which nothing is told has no unit.
+    # An undetermined unknown has no unit.
     lengths = np.log(np.where(unit < 1e149, unit, 1.0)).sum(axis=2)
     fitted = np.log(values).sum(axis=2) - 2.0 * lengths
     likelihood = -size * log_determinant - 0.5 * (fitted + freedom * np.log(scale))

@@ -1,4 +1,4 @@
-"""Where an eye is, X, and what it sees, Z, with their covariance: of poses or of pictures."""
+"""Pose X of an eye and pose Z of its target, with their covariance; from poses or pictures."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ class EyePoses:
 
     @property
     def lengths_told(self) -> str:
-        """What makes X and Z look exchanged, as a sentence."""
+        """A sentence with the lengths that suggest that X and Z are exchanged."""
         X, Z = (mm(float(np.linalg.norm(T[:3, 3]))) for T in (self.X, self.Z))
         return (
             f"X is {X:.0f} mm long and Z {Z:.0f} mm: the device on the hand is farther from it "
@@ -79,7 +79,7 @@ class EyePoses:
 
     @property
     def unsure(self) -> str:
-        """How badly X is known, as the beginning of a sentence; empty where it is well known."""
+        """Beginning of a sentence about a large uncertainty of X; empty if X is well determined."""
         displaced, turned = self.displaced_turned
         # Beyond these more poses are asked for.
         if displaced <= 2e-3 and turned <= from_deg(0.5):
@@ -88,7 +88,7 @@ class EyePoses:
 
     @property
     def accuracy_text(self) -> str:
-        """How well X is known, as the beginning of a sentence."""
+        """Beginning of a sentence with the standard deviations of X."""
         displaced, turned = self.displaced_turned
         return (
             f"X is known to ± {text(displaced, 'm', with_unit=True)} and "

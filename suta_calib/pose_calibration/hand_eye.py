@@ -76,7 +76,7 @@ MAY_MOVE: Final[dict[EyeSetup, dict[str, str]]] = {
 
 
 class DistanceTrend(NamedTuple):
-    """Share of the distance by which a target seems too far, and its standard deviation."""
+    """Relative error of the distance to a target, and its standard deviation."""
 
     share: float
     std: float
@@ -84,7 +84,7 @@ class DistanceTrend(NamedTuple):
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
 class HandEyeCalibration(Displayable, EyePoses, RobustAnswer):
-    """Where the eye is, and where the target; `solution` is in units of `length`.
+    """Poses of the eye and of the target; `solution` is in units of `length`.
 
     Residuals are ``A_i X B_i - Z`` in Z's outer frame.
 
@@ -317,7 +317,7 @@ def _copies(A: Poses, B: Poses, fit: RobustFit) -> int:
 
 
 def with_scale(answer: HandEyeCalibration, scale_ppm: float) -> HandEyeCalibration:
-    """The same with what one factor on all that the eye sees does, in the covariance.
+    """The same, with the effect of a scale error of all seen lengths in the covariance.
 
     A target of another size than its file says puts all that is seen nearer or farther. X follows,
     and where distances hardly differ no residual shows it. Where the residuals show that distances

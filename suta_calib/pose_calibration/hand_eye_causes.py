@@ -1,4 +1,4 @@
-"""Why pairs of poses tell no X: a side that stands still, misread ones, or strangers."""
+"""Why pairs of poses give no X: one side is constant, misread, or does not belong to the other."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ WHOSE: Final = ("a pose of the hand (a_)", "a pose of the target (b_)")
 
 
 def refuse_constant(hand: Poses, eye: Poses) -> None:
-    """Refuse pairs of which one side stands still while the other moves, and name it.
+    """Refuse pairs of which one side is constant while the other moves, and name it.
 
     A logger that repeats itself writes such pairs.
     """
@@ -86,7 +86,7 @@ def refuse_misread(
     start: Callable[[Poses, Poses], Consensus],
     rule: Rule,
 ) -> None:
-    """Refuse poses that fit together as soon as they are read in another way, which it names.
+    """Refuse poses that agree if they are read in another way, and name this way.
 
     Args:
         consensus: what `start` says of the poses as they are.

@@ -1,4 +1,4 @@
-"""What comes from outside: arrays checked once, and errors that name the file of the data."""
+"""Checks of input arrays, and errors that name the file of the data."""
 
 from __future__ import annotations
 

@@ -120,7 +120,7 @@ class CameraEstimate(EyePoses):
         size = self.board_size
         # Poses of X and Z, and the size of the board.
         freedom = WAYS * int(self.inliers.sum()) - 13
-        # Arms' lengths err by less.
+        # Errors of an arm's lengths are smaller.
         if freedom < 1 or abs(size.value - 1.0) < 0.01:
             return 1.0
         limit = float(-stdtrit(freedom, FALSE_ALARM / 2.0))
@@ -264,7 +264,7 @@ def _better_if_held(camera: CameraEstimate) -> str:
         return ""
     shift, turn = camera.displaced_turned
     held_shift, held_turn = np.linalg.norm(camera.if_held.std.reshape(2, 3), axis=1).tolist()
-    # Worth a word where X is so many times better known.
+    # Reported if X is so many times more certain.
     if shift < 1.2 * held_shift and turn < 1.2 * held_turn:
         return ""
     return (

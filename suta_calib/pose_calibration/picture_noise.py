@@ -279,7 +279,7 @@ def sizes_of_boards(problem: Problem, weighed: Weighed) -> dict[str, Learned]:
     for rounds in (1, ROUNDS):
         estimate = _settled(problem, weighed.x, weighed.free, hands, boards, weighed.levels, rounds)
         away = (estimate.likelihood.known.away + estimate.here.step)[sizes]
-        # So near, one linearisation tells as well as several.
+        # So close to the solution one linearisation is sufficient.
         if np.all(np.abs(away) < 5e-3):
             break
     levels = estimate.likelihood.uncertainty(estimate.eta)

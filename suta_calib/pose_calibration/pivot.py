@@ -143,12 +143,12 @@ class PivotCalibration(Displayable, RobustAnswer):
 
     @property
     def bent(self) -> Finding | None:
-        """What the tip does as the tool tilts; None where nothing is found."""
+        """Motion of the tip when the tool tilts; None if there is none."""
         return self.finding(BentTip.name)
 
     @property
     def relied_on(self) -> str:
-        """What no residual shows, as a sentence."""
+        """A sentence on the scale, of which no residual shows an error."""
         sentence = (
             f"No residual shows an error of the tracker's scale. ± includes {self.scale_ppm:g} ppm "
             "for it (--scale-ppm); an error of 1 % makes the tip "

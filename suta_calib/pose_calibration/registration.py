@@ -46,7 +46,7 @@ DEFORMED: Final = (ScaledPoints.name, StrainedPoints.name)
 
 @dataclass(frozen=True, eq=False)
 class RepeatedPoints:
-    """Rows that are the same points, and have most of their error in common.
+    """Rows that repeat the same points and share most of their error.
 
     Attributes:
         point: (n,) number of the point of each row, from 0, by first appearance.
@@ -72,7 +72,7 @@ class RepeatedPoints:
 
     @property
     def note(self) -> str:
-        """What a reader is told where they are no touches; nothing where they are."""
+        """A note if the repeats are copies and not touches; else empty."""
         # Scatter of the touches of one point, in units of that between points, below which none was
         # made for itself.
         if self.within > 0.05 * self.between:
@@ -240,7 +240,7 @@ class Registration(Displayable, RobustAnswer):
             )
         unsure = float(np.sqrt(np.trace(self.covariance[:3, :3])))
         turned = float(np.sqrt(np.trace(self.covariance[3:, 3:])))
-        # Standard deviations that deserve a word.
+        # Standard deviations that are reported.
         if unsure > 1e-3 or turned > from_deg(1.0):
             caution.append(
                 f"The middle of the points is known to ± {mm(unsure):.2f} mm only, and the turn to "
@@ -264,7 +264,7 @@ class Registration(Displayable, RobustAnswer):
         )
 
     def deformed(self, level: Level) -> list[str]:
-        """What is said, at this level, of a scale or a strain that no rigid transform has."""
+        """Notes at this level on a scale or strain between the sets."""
         scaled, strained = self.finding(ScaledPoints.name), self.finding(StrainedPoints.name)
         # A strain has a mean, which says no more than it does.
         if scaled and strained and (scaled.level, strained.level) != ("bad", "care"):
@@ -304,7 +304,7 @@ class Registration(Displayable, RobustAnswer):
 
     @property
     def relied_on(self) -> str:
-        """What residuals hardly show, as a sentence."""
+        """A sentence on the scale, of which residuals hardly show an error."""
         by_points = f"the points alone give {self.scale:.5f} ± {self.scale_std:.1g}"
         if self._scale_doubtful:
             return (

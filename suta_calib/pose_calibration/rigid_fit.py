@@ -32,7 +32,7 @@ ON_A_LINE: Final = 1e-6
 # A reflection that fits so many times better than any rotation is what the data are.
 MIRRORED: Final = 3.0
 _NOT_ON_A_LINE: Final = "at least three points that are not on one line"
-# Points from which on one that does not fit can be told from the others.
+# Smallest number of points from which an outlier among them can be found.
 ENOUGH_TO_JUDGE: Final = 5
 
 

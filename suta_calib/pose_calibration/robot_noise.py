@@ -1,4 +1,4 @@
-"""Whose noise turns the residuals of hand-eye calibration, and what it would tell as well as pairs.
+"""Splits the rotation noise of hand-eye calibration between hand and camera.
 
 Turns of the hand make X's position known: between two poses that are turned alike, X may slide, and
 nothing changes. Noise turns every pose a little, too, and seems to tell what it does not (errors in
@@ -181,7 +181,7 @@ class PairedHandEye(HandEye):
 
 
 class RobotNoise:
-    """How much of the rotational noise is the hand's, revised with the solution.
+    """Part of the rotational noise that comes from the hand, updated with the solution.
 
     Args:
         hand, seen: rotations (n, 3, 3) and positions (n, 3) of both, in units of the problem.
@@ -195,7 +195,7 @@ class RobotNoise:
         self._seen, self._finest = eye, finest_turn
         nothing = np.zeros((len(hand[1]), 0))
         samples = Samples.from_arrays([], nothing, position=eye[1], rotation=eye[0])
-        # What noise makes up is judged here: `noise_made_directions`.
+        # Information that noise causes is tested here: `noise_made_directions`.
         self._poses = parts_of(MeasuredPoses(*hand, samples, judged=False))
         self.lever = LeverModel()
 

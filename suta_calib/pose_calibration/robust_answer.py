@@ -1,4 +1,4 @@
-"""What the answers of pivot, hand-eye and registration share, and what speaks against them."""
+"""Common parts of the results of pivot, hand-eye and registration, and their contradictions."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ LARGEST: Final = 30.0
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class RobustAnswer:
-    """What the answers of pivot, hand-eye and registration share.
+    """Common base of the results of pivot, hand-eye and registration.
 
     Attributes:
         covariance: of the answer's unknowns, m and rad.
@@ -72,7 +72,7 @@ class RobustAnswer:
 
     @cached_property
     def findings(self) -> tuple[Finding, ...]:
-        """What the data support of the hypotheses about wrong data."""
+        """Hypotheses about wrong data that the data support."""
         return tuple(finding for finding in self.weighed if finding.supported(self.rule))
 
     @property
@@ -101,7 +101,7 @@ class RobustAnswer:
         return f"{int(self.inliers.sum())} of {len(self.inliers)} {what} agree to {to} RMS"
 
     def objections(self, what: str, inliers: BoolArray, size: float = 0.0) -> list[str]:
-        """Why it must not be used, one sentence each."""
+        """Reasons why the result must not be used, one sentence each."""
         objections = list[str]()
         if size > LARGEST:
             objections.append(
@@ -127,7 +127,7 @@ class RobustAnswer:
         ]
 
     def notes_on_rows(self, what: str) -> list[str]:
-        """Which rows, ``what`` in the plural, stand out and were believed all the same."""
+        """Rows, ``what`` in the plural, that are far from the others but were used."""
         rows = listed([str(row) for row in np.flatnonzero(self.suspects)])
         if not rows:
             return []
@@ -179,7 +179,7 @@ def _contradicting(solve_robustly: Callable[[], RobustAnswer], answer: RobustAns
     try:
         return ~solve_robustly().inliers
     except SamplesError:
-        # So few agree that nobody can say with whom.
+        # Too few rows agree to identify the correct ones.
         return answer.suspects
 
 

@@ -54,7 +54,7 @@ Make = Callable[[IntArray, Sequence[Noise]], Term]
 
 @dataclass(frozen=True, eq=False)
 class RobustFit:
-    """A solution, and what every row has to do with it.
+    """A solution, with the residuals of all rows and which of them are inliers.
 
     Attributes:
         solution: over the inliers.
@@ -94,7 +94,7 @@ class RobustFit:
         numbers: IntArray | None = None,
         seen_by: Mapping[str, IntArray] | None = None,
     ) -> Examination:
-        """The answer, prepared for the hypotheses about wrong data.
+        """The linearised result, for tests of the hypotheses about wrong data.
 
         Args:
             length: m per unit of the fit's lengths.
@@ -105,7 +105,7 @@ class RobustFit:
         """
         every = np.arange(len(self.inliers), dtype=np.intp) if numbers is None else numbers
         measured = MeasuredRows(self.inliers, every, rows, called, seen_by or {})
-        # Rows of a stream that err alike are fewer than they are.
+        # Rows of a stream that share errors count less.
         white = [r[self.inliers] / s for r, s in zip(self.residuals, self.sigmas, strict=True)]
         repeated = correlation_length(np.hstack(white))
         return Examination.of_poses(self.solution, self.sigmas, repeated, length, measured)
@@ -141,7 +141,7 @@ def robust_fit(
     revise: Callable[[Mapping[str, float], BoolArray], None] | None = None,
     stated: float | None = None,
 ) -> RobustFit:
-    """Solve, judge the rows, solve again; few rows are outliers only where the others prove it.
+    """Solve, find outliers, and solve again; rows are outliers only if the others prove it.
 
     Args:
         make: the term over given rows.
@@ -352,7 +352,7 @@ def _covariance(
         independent = predicted_covariance(problem, information, free)
     if exact:
         return independent
-    # Neighbours may err alike by the hand's poses, and by what is seen.
+    # Neighbours may share errors of the hand's poses, and of the seen poses.
     spaces, seen = [embedded(*poses.at(solution.values))], poses.samples
     if seen.position is not None and seen.rotation is not None:
         spaces.append(embedded(seen.rotation, seen.position))

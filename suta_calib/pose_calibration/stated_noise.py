@@ -1,4 +1,4 @@
-"""What instruments state of the points they measured: whether it is true, and weights by it."""
+"""Standard deviations that instruments state: a check of them, and weights from them."""
 
 from __future__ import annotations
 
@@ -86,7 +86,7 @@ class Agreement:
 
     @property
     def contradicted(self) -> bool:
-        """Whether the residuals say that what was stated is not so."""
+        """Whether the residuals contradict the stated standard deviations."""
         return self.chance < 0.01
 
     @property
@@ -96,7 +96,7 @@ class Agreement:
 
     @property
     def note(self) -> str:
-        """What a reader is told where they contradict each other."""
+        """A note if residuals and stated standard deviations contradict each other."""
         # The least that a chance is shown as.
         least = 1e-6
         because = (

@@ -80,7 +80,7 @@ def axes_that_stand(rotation: FloatArray, noise: float) -> FloatArray:
 def _span(columns: FloatArray) -> tuple[list[FloatArray], FloatArray]:
     """Orthonormal vectors that span what columns (3, k) do, and the (k, r) that give nothing."""
     u, s, v = np.linalg.svd(columns)
-    # Part of a direction that is worth a word.
+    # Part of a direction from which it is named.
     rank = int(np.sum(s > 0.02))
     return [np.asarray(u[:, k]) for k in range(rank)], np.asarray(v[rank:].T)
 

@@ -1,4 +1,4 @@
-"""An answer shown: on the console, as plots, as files and an HTML page.
+"""Shows results: on the console, as plots, as files and as an HTML page.
 
 An answer becomes a `Document` (``plan_document(plan)``), and the document is shown:
 ``rich.print(rendered(document))`` or `write_document`. Plots are SVG elements.

@@ -1,4 +1,4 @@
-"""A calibration, told: on a console, in ``result.json``, ``residuals.csv`` and ``report.html``.
+"""Report of a calibration: console, ``result.json``, ``residuals.csv``, ``report.html``.
 
 A result that did not converge carries no values: ``value``, ``std`` and the metrics ``after`` are
 null, so that nobody uses them by accident.
@@ -83,7 +83,7 @@ from suta_calib.words import combination
 
 NAME: Final = "result"
 CALIBRATED: Final = "calibrated.urdf"
-# The same of an answer that must not be used, under a name that nobody takes for a calibrated arm.
+# The same for a result that must not be used, under a name that shows it is not calibrated.
 NOT_USABLE: Final = "not_usable.urdf"
 # What computes a result, by the name that it is installed under, and as a module.
 COMPUTED_BY: Final = {
@@ -95,7 +95,7 @@ COMPUTED_BY: Final = {
 
 
 def calibration_document(result: Calibration) -> Document:
-    """A calibration to be shown: errors, parameters, what the data cannot determine, and report."""
+    """Document of a calibration: errors, parameters, and what the data cannot determine."""
     parts = [
         *section("the first screen", lambda: _first_screen(result)),
         *section("errors", lambda: _errors(result)),
@@ -116,7 +116,7 @@ def calibration_document(result: Calibration) -> Document:
 
 @cache
 def versions() -> Mapping[str, str]:
-    """Versions of what computed the result."""
+    """Versions of the packages that computed the result."""
     installed = {name: str(import_module(it).__version__) for name, it in COMPUTED_BY.items()}
     return {"python": platform.python_version()} | installed
 
@@ -231,7 +231,7 @@ def _next_steps(result: Calibration) -> Iterator[Part]:
 def _external_poses(result: Calibration) -> Iterator[Part]:
     """What many came for: where cameras, instruments and artefacts are."""
     if poses := result.examined.external_poses:
-        # Of many placements of an artefact nobody asks where each of them was.
+        # The poses of many placements of an artefact are not of interest.
         few = 3
         yield IN_SHORT.of(poses, place="console" if len(poses) <= few else "verbose")
         yield EXTERNAL_POSES.of(poses, place="page")
@@ -354,7 +354,7 @@ def _remaining_errors(result: Calibration) -> Iterator[Part]:
     for name, terms in (("Validation", accuracy.validation), ("Calibration", accuracy.calibration)):
         of = {label: groups(terms, label) for label in (*groupings(), "file")}
         labels = [label for label in groupings() if len(of[label]) > 1]
-        # Files are usually split by label: only without labels do they tell more.
+        # Files are usually split by label: only without labels are they of interest.
         for label in labels or ["file"] * (len(of["file"]) > 1):
             rest = len(of[label]) - MOST_GROUPS
             title = f"{name}: by {label}" + (f" (without the {rest} best)" if rest > 0 else "")
@@ -440,7 +440,7 @@ def _files(result: Calibration) -> list[File]:
 
 def _data(result: Calibration) -> Json:
     solution = result.solution
-    # What comes before the first iteration is the check of what the data can tell.
+    # The time before the first iteration is the observability analysis.
     timing = {"build": solution.timing.get("check", 0.0)} | solution.timing
     best, starts = (
         STARTS.record((0, solution.minimum)),

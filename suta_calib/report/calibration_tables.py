@@ -79,8 +79,8 @@ NOTE: Final = (
     "about the frame's own axes."
 )
 NOTE_GIVEN: Final = (
-    "Nothing measured checks what “valid while” names, a parameter of the arm or a key of the job: "
-    "if its nominal value is wrong, so is the pose."
+    "“valid while” names parameters of the arm or keys of the job that no measurement checks. If "
+    "their nominal value is wrong, the pose is wrong too."
 )
 
 

@@ -1,4 +1,4 @@
-"""A certified artefact, told: its landmarks with their uncertainty, and how they were made."""
+"""Report of a certified artefact: its landmarks, their uncertainty, and deviations."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ from suta_calib.report.svg import picture, svg_text
 from suta_calib.units import deg, mm, um
 
 NAME: Final = "certify"
-# Decimals of lengths, mm, and angles, deg, that an instrument tells.
+# Significant decimals of lengths, mm, and angles, deg, of an instrument.
 _FINE: Final = ".4f"
 _TURN: Final = ".3f"
 _PILLARS: Final = (

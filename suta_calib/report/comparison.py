@@ -1,4 +1,4 @@
-"""Two arms on the same held-out data, told."""
+"""Report that compares two arms on the same validation data."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Corners found in pictures, told: which pictures show the board, and the camera they make."""
+"""Report of corners in pictures: pictures that show the board, and the calibrated camera."""
 
 from __future__ import annotations
 

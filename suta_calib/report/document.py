@@ -1,4 +1,4 @@
-"""An answer as it is told: what it is, how far to trust it, and its parts in order.
+"""A document: a result with its verdict and its parts, in the order in which they are shown.
 
 A document knows nothing of rich, jinja2, csv or files. Four sinks do: `report.console`,
 `report.page` (HTML), and `report.files` (JSON, CSV).
@@ -115,7 +115,7 @@ def entry(key: str, compute: Callable[[], Any]) -> Any:
 
 @dataclass(frozen=True, eq=False)
 class Document(ShowsItself):
-    """An answer, ready to be shown.
+    """A result that is ready to be shown.
 
     Attributes:
         name: identifies it: file names begin with it, and a section of a report replaces an

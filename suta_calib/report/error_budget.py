@@ -1,4 +1,4 @@
-"""Where the errors come from, told: a table for each block of residuals, one for the tip."""
+"""Report of an error budget: a table for each block of residuals, and one for the tip."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from suta_calib.units import shown, text, unit_name
 
 NAME: Final = "budget"
 TITLE: Final = "Error budget"
-# Fill and hatch by the first source of a share: told apart in grey too.
+# Fill and hatch by the first source of a share: readable in grey too.
 LOOKS: Final[dict[Source, tuple[str, str]]] = {
     "encoders": (BLUE, ""),
     "seating": ("#56B4E9", "///"),

@@ -188,7 +188,7 @@ def far_rows(terms: Sequence[TermAccuracy]) -> Iterator[Text]:
     """
     for term in terms:
         block, origin = term.blocks[0], term.term.poses.samples.origin
-        # A distance is wrong if either of its ends is: `suta-calib outliers` tells which.
+        # A distance is wrong if either of its ends is wrong: `suta-calib outliers` finds which.
         if block.rows.shape[1] != 1 or not len(block.after):
             continue
         far = np.flatnonzero(block.after > FAR * np.median(block.after))
@@ -246,7 +246,7 @@ def _of_kind(kinds: Sequence[KindErrors], which: int) -> Json:
         content |= {key: value for key, value in part.items() if key not in content}
     if kinds and kinds[0].unit == "rad":
         return content
-    # Orientations are told by one figure beside the positions.
+    # Orientations have one figure beside the positions.
     return {k: v for k, v in content.items() if not k.endswith("_deg") or k == "rms_deg"}
 
 

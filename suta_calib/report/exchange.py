@@ -1,4 +1,4 @@
-"""What came in from other programs and what went out to them, told; and the formats there are."""
+"""Reports of imports and exports, and the list of formats."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ def _short(value: Any) -> str:
 
 
 def imported_document(imported: Imported, written: Path | None = None) -> Document:
-    """What a foreign file became, column by column, and where it was written, if it was."""
+    """Report of an import: its columns, and the file that was written."""
     parts: list[Part] = []
     data: dict[str, Any] = {
         "source": str(imported.source),
@@ -90,7 +90,7 @@ def _pictures(imported: Imported, written: Path, data: dict[str, Any]) -> list[P
 
 
 def exported_document(export: Exported, written: Sequence[Path]) -> Document:
-    """What went out, the files that hold it, and what the format could not hold."""
+    """Report of an export: its files, and the values that the format cannot hold."""
     parts = [Text(f"Written to {written[0]}.")]
     if written[1:]:
         parts.append(Text(f"What {export.form} cannot hold is in {written[1]}."))

@@ -79,7 +79,7 @@ def write_document(
         raise OutputError(
             f"{folder}: cannot be used as the output folder: {error.strerror}; choose another one"
         ) from error
-    # A page that others have their sections on stays, unless it would tell of the run before.
+    # A page with sections of others stays, unless it shows the run before.
     current = {*names, *([] if answer.written == "record" else [REPORT])}
     stale = _written_before(folder / record) - current if record else ()
     exchange_files(folder, contents, stale)

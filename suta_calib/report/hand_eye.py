@@ -1,4 +1,4 @@
-"""A hand-eye calibration, told: where the eye is, which pairs fit, and how the hand was turned."""
+"""Report of a hand-eye calibration: pose of the eye, fit of the pairs, rotations of the hand."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The acceptance test, told: errors against their limits, in tables, JSON and a picture."""
+"""Report of an acceptance test: errors and their limits, in tables, JSON and a picture."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Errors beside geometry that are worth having, told: the models, what the chosen one adds."""
+"""Report of a search for errors beside the geometry: the models, and the chosen one."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a notebook shows of an object: the tables of its report, without pictures and files.
+"""Shows objects in a notebook: the tables of their reports, without pictures and files.
 
 A class that is `showing.Shown` has an entry here: the parts of a document in order.
 """

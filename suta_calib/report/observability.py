@@ -1,4 +1,4 @@
-"""Parameters and what data can determine, told: prospects, estimates, why some have none."""
+"""Report of parameters: what data can determine, estimates, and why some have none."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ EXPLANATIONS: Final = Listing[Explanation](
 
 
 def observability_document(observability: Observability) -> Document:
-    """What data can tell of the arm, and of the terms' own unknowns."""
+    """Document of the parameters of arm and terms that the data determine."""
     prospects = list(observability.prospects.values())
     arm = observability.problem.arm_count or len(prospects)
     parts: list[Part] = [
@@ -154,7 +154,7 @@ TONE: Final[dict[State, Tone]] = {
 
 @dataclass(frozen=True)
 class Outcome:
-    """A parameter's estimate beside what was known of it before.
+    """A parameter's estimate, with its nominal value and prior.
 
     Attributes:
         estimate: what came out.

@@ -1,4 +1,4 @@
-"""The search for outliers, told: tables by level, heat maps of the four metrics, what to do."""
+"""Report of a search for outliers: tables by level, heat maps of the metrics, what to do."""
 
 from __future__ import annotations
 
@@ -34,15 +34,15 @@ MOST_GROUPS_SHOWN: Final = 20
 EXPLAINED: Final = (
     "In this fit the whole geometry of the arm is estimated, so that errors of the arm are not "
     "blamed on touches; another table has the figures of the job's own fit. A figure is flagged "
-    "(!) if it exceeds its threshold and noise alone would do so anywhere on its level with a "
-    "probability of at most {significance:g}. Three flags of four make an outlier: no single "
+    "(!) if it exceeds its threshold, and the probability that noise alone causes this in any row "
+    "of the table is at most {significance:g}. Three flags of four make an outlier: no single "
     "metric is enough."
 )
 
 OWN_FIT: Final = (
-    "The two tables cannot be compared directly. In the job's own fit, errors of the model are in "
-    "every touch: this evens out shares and leave-one-out, and adds the arm's errors to biases. "
-    "Thresholds belong to the fit of the whole geometry."
+    "The two tables cannot be compared directly. In the job's own fit, errors of the model affect "
+    "every touch. So shares and leave-one-out values differ less, and biases contain the arm's "
+    "errors. The thresholds are for the fit of the whole geometry."
 )
 
 

@@ -48,7 +48,7 @@ def page_with(answer: Document, page: str | None, job: str = "") -> str:
     """
     templates = environment()
     begins = answer.written in BEGINS or page is None or not belongs(page, job)
-    # A page that told of this alone is dated anew.
+    # A page with this result alone gets a new date.
     begins = begins or (page is not None and _SECTION.findall(page) == [escape(answer.name)])
     if begins or page is None or not _place(page):
         now = datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC")

@@ -1,4 +1,4 @@
-"""How a recorded motion follows a reference, told: errors, latency, what happens at reversals."""
+"""Report of a recorded motion against a reference: errors, latency, and errors at reversals."""
 
 from __future__ import annotations
 
@@ -110,7 +110,7 @@ def _fault_unit(fault: RecordFault) -> Unit:
     return fault.unit
 
 
-# Written only: the notes of the assessment tell them.
+# Written only: the notes of the assessment contain them.
 FAULTS: Final = Listing[RecordFault](
     "Errors of the record itself",
     *written("kind", "first", "last"),

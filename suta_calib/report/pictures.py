@@ -1,4 +1,4 @@
-"""A hand-eye calibration from pictures, told: cameras, their intrinsics, and which pictures fit."""
+"""Report of a hand-eye calibration from pictures: cameras, intrinsics, fit of the pictures."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A pivot calibration, told: the tip and its posts, which poses fit, how the tool was turned."""
+"""Report of a pivot calibration: tip and posts, fit of the poses, rotations of the tool."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Where to measure next, told; and the files to take to the bench."""
+"""Report of a plan: what to measure next, and the files for the measurement."""
 
 from __future__ import annotations
 

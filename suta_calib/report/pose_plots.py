@@ -164,7 +164,7 @@ def draw_axes(axes: Any, vectors: FloatArray, inliers: BoolArray) -> None:
     turned = angle > 1e-9
     units = vectors[turned] / angle[turned, None]
     units *= np.where(units[:, 2:] < 0, -1.0, 1.0)
-    # Areas tell angles; the largest mark is ten points across.
+    # Areas show angles; the largest mark is ten points across.
     sizes = 10.0 * np.sqrt(angle[turned] / max(float(angle.max()), 1e-9))
     _draw_sphere(axes, 90, _flat(units[:, :2], units[:, 2]), sizes, inliers[turned])
 

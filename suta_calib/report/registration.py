@@ -1,4 +1,4 @@
-"""A registration, told: the transform, which points fit, and the error to expect at targets."""
+"""Report of a registration: the transform, fit of the points, expected error at targets."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Repeatability and encoders at rest, told: scatter of tip and joints, directions, noise."""
+"""Report of repeatability and encoders at rest: scatter of tip and joints, directions, noise."""
 
 from __future__ import annotations
 
@@ -35,11 +35,11 @@ _HOW: Final = (
     "(ISO 9283:1998, 7.2.2). The intervals are from a jackknife of the logarithm."
 )
 _PUSH: Final = (
-    "A joint gives if, when pushed in other directions, its reading moves out of step with the "
-    "others' (its play) by more than chance allows (permuted labels, all joints). Means: distance "
-    "between the mean readings, whatever the other joints do; most of it may be the clearance of "
-    "the seat. Tip: motion of the tip by this play. A question mark: another joint would explain "
-    "it nearly as well."
+    "A joint has play if its reading changes with the direction of the push while the other joints "
+    "do not follow, by more than chance explains (permuted labels, all joints). Means: distance "
+    "between the mean readings for different directions; most of it may be the clearance of the "
+    "seat. Tip: motion of the tip by this play. A question mark: another joint would explain it "
+    "nearly as well."
 )
 _REST: Final = (
     "Allan deviation: difference between two successive averages over a time. Averaging for longer "

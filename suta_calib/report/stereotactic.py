@@ -1,4 +1,4 @@
-"""The answer to a stereotactic navigation problem, told; and its files in the CIS formats."""
+"""Report of a stereotactic navigation problem, and its files in the CIS formats."""
 
 from __future__ import annotations
 

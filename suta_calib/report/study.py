@@ -1,4 +1,4 @@
-"""Studies, told: error by number of sets, estimates against their prediction, drift over time."""
+"""Reports of studies: error by number of sets, estimates and their prediction, drift."""
 
 from __future__ import annotations
 
@@ -224,13 +224,13 @@ def _scatter(study: SpreadStudy) -> list[str]:
         sentences.append(f"Not determined by all data together either: {listed(silent)}.")
     if any(p.priors and p.ratio < 1 for p in study.parameters.values()):
         sentences.append(
-            "The job has priors, which are the same in every trial: estimates that rest on them "
-            "scatter less than their standard deviation."
+            "The job has priors, which are the same in every trial: estimates that depend on "
+            "them scatter less than their standard deviation."
         )
-    # A calibration whose model lacks something is less sure than its noise alone makes it.
+    # With an incomplete model, the covariance is larger than noise alone explains.
     told = [p for p in study.parameters.values() if p.predicted > 0]
     larger = max(((p.estimate.std or 0.0) / p.predicted for p in told), default=0.0)
-    # A calibration's own standard deviations over those from noise alone that deserve a word.
+    # Ratio of a calibration's standard deviations to those from noise, from which it is reported.
     if not bootstrap and larger >= 1.25:
         sentences.append(
             f"The calibration's own standard deviations are up to {larger:.1f} times as large: "

@@ -1,4 +1,4 @@
-"""How sure the tip is over the workspace, told: figures, and the map drawn over the arm."""
+"""Report of the tip's uncertainty over the workspace: figures, and a map over the arm."""
 
 from __future__ import annotations
 

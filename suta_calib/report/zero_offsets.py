@@ -1,4 +1,4 @@
-"""Zero offsets, told: the branches that fit known poses, and what the poses leave open."""
+"""Report of zero offsets: solutions that fit known poses, and undetermined offsets."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
 """Simulated measurements: any arm, any artefact, known truth.
 
-Names are imported when they are first used: who only asks where an arm can go simulates nothing.
+Names are imported when they are first used, so that inverse kinematics loads no simulation.
 """
 
 import lazy_loader

@@ -40,7 +40,7 @@ _AT_ONCE: Final = 16
 
 @dataclass(frozen=True, eq=False)
 class Targets(Displayable):
-    """Where the tip shall be.
+    """Target poses or positions of the tip.
 
     Attributes:
         position: (n, 3) in the base frame, m.
@@ -62,7 +62,7 @@ class Targets(Displayable):
 
 @dataclass(frozen=True, eq=False)
 class Postures(Displayable):
-    """The answer, whether or not the targets could be reached.
+    """Postures that were found, whether or not they reach the targets.
 
     Attributes:
         q: (n, joints) readings, rad (m for prismatic joints), the closest found.
@@ -136,7 +136,7 @@ class InverseKinematics:
         return reachable
 
     def most(self, matching: Matching) -> Matching:
-        """What of a target the arm can match, at most what is asked: a position if nothing else."""
+        """The part of a target that the arm can match: at least the position."""
         order = list(_ROTATION_WEIGHTS)
         for weaker in order[order.index(matching) :]:
             if self.attainable[weaker]:

@@ -1,4 +1,4 @@
-"""Where randomness comes from, how large it is, and which side of its play a joint is on.
+"""Random numbers, noise levels, and the side of its play on which a joint stands.
 
 Every random number belongs to a named stream, so that changing one thing (another level of noise,
 one more placement) leaves all others as they were.
@@ -76,7 +76,7 @@ class NoiseLevels:
     )
 
     def of_instrument(self, unit: Unit) -> float:
-        """Of what an external instrument reports in a unit."""
+        """Noise of an external instrument's reading in a unit."""
         return {"m": self.instrument, "rad": self.instrument_angle}.get(
             unit, self.instrument_number
         )

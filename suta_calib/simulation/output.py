@@ -1,4 +1,4 @@
-"""Simulated samples as files, with the truth beside them and a note that says what they are."""
+"""Writes simulated samples, with their true values and a note that they are simulated."""
 
 from __future__ import annotations
 

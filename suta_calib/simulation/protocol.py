@@ -1,4 +1,4 @@
-"""What the tip is brought to, and where what stands outside the arm truly is."""
+"""The places that the tip visits, and the true poses of things outside the arm."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ class Visits:
     numbers: dict[str, FloatArray] = field(default_factory=dict)
 
     def what(self, row: int) -> str:
-        """What a row touches, for messages."""
+        """Name of the touched place, for messages."""
         if "landmark" in self.labels:
             return f"landmark {self.labels['landmark'][row]!r} of placement {self.name!r}"
         (place,) = self.labels
@@ -45,7 +45,7 @@ class Visits:
 
 @dataclass(frozen=True, eq=False)
 class Visitor:
-    """The true arm and where its postures are searched."""
+    """Finds postures of the true arm for the places that it visits."""
 
     spec: SimulationSpec  # the whole simulation, for its messages
     kinematics: InverseKinematics  # of the true arm

@@ -1,4 +1,4 @@
-"""From terms to a solution: problem, evaluation, descent, verdict.
+"""From terms to a solution: problem, evaluation, minimisation, verdict.
 
 Names are imported when they are first used. `suta_calib.solve` starts it all.
 """

@@ -1,4 +1,4 @@
-"""What errors that many rows share do to an estimate: an artefact's, and that of a scale.
+"""Effect of errors that many rows share on an estimate: errors of an artefact and of a scale.
 
 An error in a certified coordinate is the same in every touch of that landmark. It does not average
 out over placements, and the scatter of the residuals shows only a part of it. With the landmarks'

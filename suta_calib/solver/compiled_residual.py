@@ -188,7 +188,7 @@ class Kernel:
 
 
 def _rows(numbers: IntArray) -> slice | IntArray:
-    """What takes rows of these numbers (n,): where they follow one another they are but copied."""
+    """Index that selects rows of these numbers (n,); a slice where they are contiguous."""
     first = int(numbers[0]) if len(numbers) else 0
     follow = np.array_equal(numbers, np.arange(first, first + len(numbers)))
     return slice(first, first + len(numbers)) if follow else numbers
@@ -242,7 +242,7 @@ def term_residuals(term: Term, values: Mapping[str, float]) -> tuple[FloatArray,
 
 
 class TermErrors:
-    """How far off every row of a term is, again and again, without derivatives.
+    """Residuals of every row of a term, evaluated repeatedly, without derivatives.
 
     Args:
         term: what is looked at.

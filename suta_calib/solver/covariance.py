@@ -1,4 +1,4 @@
-"""How sure an estimate is: the sandwich covariance, before and after the residuals are known.
+"""Covariance of an estimate (sandwich), before and after the residuals are known.
 
     Cov = A⁻¹ (M + P) A⁻¹ + G Σ Gᵀ + S Sᵀ
 
@@ -39,7 +39,7 @@ MANY_TOUCHES: Final = 2000
 
 @dataclass(frozen=True, eq=False)
 class Spread:
-    """How sure an estimate is, computed when it is first asked for.
+    """Covariance of an estimate, computed when it is first used.
 
     Attributes:
         fit: the estimate.
@@ -70,7 +70,7 @@ class Spread:
 
     @cached_property
     def held(self) -> HeldGeometry | None:
-        """What held geometry does where no residual shows it; None where it does nothing."""
+        """Effect of held geometry that no residual shows; None if there is none."""
         return held_geometry(self.fit, self.within_scale)
 
     @property

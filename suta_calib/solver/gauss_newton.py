@@ -1,4 +1,4 @@
-"""Gauss-Newton steps, confirmed by IPOPT: what solves by default."""
+"""The default solver: Gauss-Newton steps, confirmed by IPOPT."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What geometry that a job holds at nominal does to an estimate.
+"""Effect of geometry that a job holds at nominal on an estimate.
 
 Where residuals show it, it goes into how plugs sit (`seating_covariance`); here, where none does.
 Points, planes and lines that are touched know no length: the arm's lengths are then as good as the
@@ -64,7 +64,7 @@ class HeldGeometry:
 
     @property
     def carriers(self) -> tuple[str, ...]:
-        """Which of them the tip hangs on most, by one standard deviation of the worst direction."""
+        """Held parameters with the largest effect on the tip, for the worst direction."""
         share = np.abs(self.of_held[:, int(np.argmax(self.tip))]) / self.tolerance
         # Part of the largest from which on a held parameter is named.
         return tuple(self.names[k] for k in np.argsort(-share) if share[k] > 0.5 * share.max())
@@ -82,7 +82,7 @@ class HeldGeometry:
 
     @property
     def matters(self) -> bool:
-        """Whether the tip is less sure by it than by noise alone."""
+        """Whether its effect on the tip is larger than that of noise."""
         # Of the tip's standard deviation by noise: then the whole is larger by a twentieth.
         return float(np.linalg.norm(self.tip)) > 0.3 * self.tip_beside
 
@@ -155,7 +155,7 @@ def held_geometry(fit: Fitted, within: FloatArray, *, robust: bool = True) -> He
 def drawing_covariance(
     fit: Fitted, within: FloatArray, names: list[str], nominal: FloatArray
 ) -> FloatArray:
-    """(m, m) how far off held parameters may be, and all their lengths by one factor.
+    """(m, m) covariance of the held parameters by the drawing, with a common factor on lengths.
 
     The arm's grade says it. Where nobody states one, held dimensions are as far off as the
     estimated ones of their sort turned out to be, for they stand in the same drawing, but no better

@@ -1,4 +1,4 @@
-"""Which parameters the data can determine, which only together, and which not at all.
+"""Finds parameters that the data determine, alone or in combinations, and all others.
 
 A direction of the parameters is weak where its predicted standard deviation exceeds a tenth of
 what is plausible (the parameter's bound), or where noise alone would excite it as much. The fewest
@@ -105,7 +105,7 @@ class _LeftOpen:
 
 @dataclass(frozen=True, eq=False)
 class Identification(Displayable):
-    """The verdict on a set of parameters.
+    """Which parameters are identified, and which are fixed.
 
     What is fixed is all that a refit asks for, and half the work: the rest is done when asked for.
 
@@ -133,14 +133,14 @@ class Identification(Displayable):
         return np.asarray(np.sqrt(np.maximum(np.linalg.eigvalsh(self.arm_information)[::-1], 0.0)))
 
     def given(self, name: str) -> tuple[str, ...]:
-        """Fixed parameters relative to which this one's value has its meaning."""
+        """Fixed parameters whose nominal values this one's value depends on."""
         return tuple(c.fixed for c in self.combinations if name in c.direction and name != c.fixed)
 
 
 def identify(
     parameters: ParameterSet, arm_count: int, information: Information, precision: FloatArray
 ) -> Identification:
-    """Decide what to fix.
+    """Choose the parameters to fix.
 
     Args:
         parameters: the arm's first, then the terms' own.

@@ -1,4 +1,4 @@
-"""What the data say about the parameters at one point: information, and how much of it is real.
+"""Information of the data on the parameters at one point, and the part that noise causes.
 
 Three matrices over all parameters, from the whitened Jacobian J:
 
@@ -108,7 +108,7 @@ def _summed(problem: Problem, line: Linearised, *, robust: bool = False) -> Floa
 def predicted_information(
     problem: Problem, x: FloatArray, sigmas: Sequence[float], *, robust: bool = False
 ) -> Information:
-    """What samples that all scatter alike can tell.
+    """Information of samples that all have the same noise.
 
     Args:
         problem: terms and parameters.

@@ -1,4 +1,4 @@
-"""What minimises: the protocol of a solver, and the check of what one answers."""
+"""The interface of a solver, and the check of its results."""
 
 from __future__ import annotations
 
@@ -92,7 +92,7 @@ class Solver(ABC):
         return minimum if minimum.converged else None
 
     def confirmed(self, nlp: RobustNlp, minimum: Minimum) -> Minimum:
-        """The lowest of all ends, looked at once more; unchanged by default."""
+        """The lowest minimum, checked once more; unchanged by default."""
         del nlp
         return minimum
 

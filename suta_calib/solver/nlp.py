@@ -1,4 +1,4 @@
-"""What a solver minimises: a robust cost over the free unknowns, in their scales, within bounds."""
+"""The problem of a solver: a robust cost over the scaled free unknowns, within bounds."""
 
 from __future__ import annotations
 

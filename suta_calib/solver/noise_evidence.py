@@ -1,4 +1,4 @@
-"""How likely the data are with given noise and priors: the evidence, and where it is greatest.
+"""Evidence of the data for given noise levels and priors, and its maximum.
 
 By Laplace's approximation, at the parameters that are best for the weights (the equation stands in
 `weights`, MacKay 1992). Residuals and Jacobian are evaluated once: each block's rows and each group

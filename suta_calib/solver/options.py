@@ -1,4 +1,4 @@
-"""How a problem is solved: what a caller may choose."""
+"""Options of a solve."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ class WeightOptions:
 
 @dataclass(frozen=True)
 class SolverOptions(Displayable):
-    """How to minimise.
+    """Options of the minimisation.
 
     Attributes:
         starts: number of starting points; the first is nominal.

@@ -1,4 +1,4 @@
-"""A set of terms that share parameters: what is minimised, and over what.
+"""A least-squares problem: terms that share parameters.
 
     minimise over x   ½ Σ_rows ρ(‖r(x)‖² / σ²)  +  ½ Σ ((x - nominal) / prior)²
 
@@ -175,7 +175,7 @@ class Problem:
         return other
 
     def as_given(self) -> Problem:
-        """The same problem with the priors that the job gives, whatever was learned of them."""
+        """The same problem with the priors of the job, without learned factors."""
         return self.with_priors_scaled(np.ones(len(self.parameters)))
 
     @cached_property

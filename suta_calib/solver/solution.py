@@ -1,4 +1,4 @@
-"""What came out: values, how sure they are, and whether to use them at all."""
+"""The solution: values, their covariance, and whether they can be used."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ class Estimate(Displayable):
 
     Attributes:
         name, owner, unit, nominal: as in the problem.
-        value: the estimate; nominal where nothing could be said.
+        value: the estimate; nominal if the parameter was not estimated.
         std: its standard deviation, None where the value is not an estimate.
         state: ``identified``; ``unidentified`` (fixed at nominal, the data cannot tell);
             ``prior`` (most of what is known of it was known before); ``at_bound``; ``fixed``
@@ -122,12 +122,12 @@ class Solution(Displayable):
 
     @property
     def converged(self) -> bool:
-        """Whether the best start ended in a minimum, which fits well enough to use."""
+        """Whether the best start ended in a minimum that fits well enough to be used."""
         return self.minimum.converged and not self.swamped
 
     @property
     def swamped(self) -> bool:
-        """Whether the residuals are so large that most of what could be told is lost in them."""
+        """Whether the residuals are so large that the data determine almost nothing."""
         arm = self.problem.arm_count
         asked = sum(p.free for p in list(self.problem.parameters.values())[:arm])
         promised = asked - int(np.sum(self.before.fixed < arm))
@@ -136,13 +136,13 @@ class Solution(Displayable):
 
     @property
     def agreeing(self) -> int:
-        """How many starts ended in the lowest minimum."""
+        """Number of starts that ended in the lowest minimum."""
         lowest = min(a.cost for a in self.attempts)
         return sum(a.cost <= lowest * (1 + 1e-6) + SAME_COST for a in self.attempts)
 
     @property
     def sentence(self) -> str:
-        """One sentence on whether the values may be used."""
+        """One sentence on whether the values can be used."""
         if self.minimum.converged and self.swamped:
             return (
                 "not usable: the residuals are so large that these data determine almost nothing; "
@@ -166,7 +166,7 @@ class Solution(Displayable):
     @cached_property
     @judged
     def assessment(self) -> Assessment:
-        """Whether the values may be used, and what must be known to use them.
+        """The verdict on the values, with notes.
 
         Judged when it is asked for, and of the fitted data alone: `calibrate` takes validation
         data too.
@@ -186,7 +186,7 @@ class Solution(Displayable):
 
     @property
     def unidentified(self) -> tuple[str, ...]:
-        """Names the data cannot determine."""
+        """Names of the parameters that the data do not determine."""
         return tuple(e.name for e in self.estimates.values() if e.state == "unidentified")
 
     @cached_property
@@ -240,7 +240,7 @@ class Solution(Displayable):
 
     @property
     def changes(self) -> list[Change]:
-        """How far every estimated parameter of the arm moved from nominal."""
+        """Change of every estimated parameter of the arm from nominal."""
         return [
             Change(e.name, e.unit, e.value - e.nominal, e.std, e.state == "prior")
             for e in self.arm_estimates.values()
@@ -248,7 +248,7 @@ class Solution(Displayable):
         ]
 
     def plot_parameters(self, figure: Any = None) -> Any:
-        """Draw how far each parameter of the arm moved, ± one standard deviation, mm and deg.
+        """Draw the changes of the arm's parameters, ± one standard deviation, mm and deg.
 
         Args:
             figure: an empty `Figure` or `SubFigure`, for there is a panel for each unit; a new
@@ -296,7 +296,7 @@ class Solution(Displayable):
         return axes
 
     def correlation(self, *, arm: bool = False) -> tuple[tuple[str, ...], FloatArray]:
-        """How far estimates go together.
+        """Correlations of the estimates.
 
         Args:
             arm: leave out the terms' own unknowns.

@@ -1,4 +1,4 @@
-"""From a problem to a solution: decide what can be told, minimise, decide again."""
+"""From a problem to a solution: find the identifiable parameters, minimise, check again."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def solve(
     *,
     spread: bool = True,
 ) -> Solution:
-    """Minimise the problem over what its data can determine.
+    """Minimise the problem over the parameters that its data determine.
 
     Args:
         problem: terms and parameters.
@@ -280,7 +280,7 @@ def _best(tried: Sequence[Minimum]) -> Minimum:
 def identify_at(
     problem: Problem, x: FloatArray, sigmas: Sequence[float], *, robust: bool = False
 ) -> Identification:
-    """What the data can tell at x if every sample scatters with the given noise."""
+    """Identifiable parameters at x, if every sample has the given noise."""
     information = predicted_information(problem, x, sigmas, robust=robust)
     return identify(problem.parameters, problem.arm_count, information, problem.prior_precision())
 

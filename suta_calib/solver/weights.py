@@ -1,4 +1,4 @@
-"""How much residuals and priors are worth against each other, learned from the data themselves.
+"""Weights of residuals and priors, learned from the data.
 
 What a job says of its noise and of how far geometry may be off is a guess, and against each other
 the guesses decide how far geometry moves. With η the logarithms of a noise level σ per block and of
@@ -76,14 +76,14 @@ class Learned:
 
     @property
     def interval(self) -> tuple[float, float]:
-        """Where the value is with a chance of 95 %."""
+        """95 % interval of the value."""
         spread = math.exp(1.96 * self.log_std)
         return self.value / spread, self.value * spread
 
 
 @dataclass(frozen=True, eq=False)
 class Weights(Displayable):
-    """Noise levels and prior factors, with how well the data tell them.
+    """Noise levels and prior factors, with their standard deviations.
 
     Attributes:
         noise: of each block.
@@ -142,7 +142,7 @@ def learn_weights(
     free: IntArray,
     options: WeightOptions = WeightOptions(),
 ) -> Weights:
-    """Noise levels and factors on priors for which the data are the least surprising.
+    """Noise levels and factors on priors that make the data most likely.
 
     The minimum x (n,) is for the weights so far: ``sigmas``, and priors as given.
     """

@@ -128,7 +128,7 @@ def points_text(counts: Counts, name: str, *points: FloatArray) -> str:
 
 @dataclass(frozen=True, eq=False)
 class NavigationData:
-    """The second assignment: fiducials in CT and by the EM probe, and where the probe went.
+    """Data of the second assignment: fiducials in CT and by the EM probe, and navigation frames.
 
     Attributes:
         ct_fiducials: (N_B, 3) in CT, m.
@@ -242,7 +242,7 @@ def agree(path: Path, name: str, count: int, what: str, expected: int, other: Pa
 
 
 def same_size(path: Path, points: FloatArray, other: Path, expected: FloatArray) -> None:
-    """Refuse a file that shows a rigid body (..., n, 3) as large as another unit would make it."""
+    """Refuse a file in which a rigid body (..., n, 3) has the size of another unit."""
     size, expected_size = (
         extent(body.reshape(-1, *body.shape[-2:])[0]) for body in (points, expected)
     )

@@ -34,7 +34,7 @@ EM_BASE: Final = np.array([0.0, 0.0, -1.5])
 
 @dataclass(frozen=True, eq=False)
 class StereotacticTruth(Output1):
-    """What the simulated files were made from.
+    """The true values of simulated files.
 
     Attributes:
         navigation: (N_frames, 3) where the EM probe's tip was, in CT, m.
@@ -45,7 +45,7 @@ class StereotacticTruth(Output1):
 
 @dataclass(frozen=True, eq=False)
 class SimulatedSet(Displayable):
-    """Simulated data and what they were made from."""
+    """Simulated data with their true values."""
 
     data: StereotacticData
     truth: StereotacticTruth
@@ -118,7 +118,7 @@ def simulate_stereotactic(
     waves, phases = random.uniform(-4.0, 4.0, (3, 3)), random.uniform(0.0, 2 * np.pi, 3)
 
     def em(points: FloatArray) -> FloatArray:
-        """What the EM tracker reads: about half a wave of error over its volume in each axis."""
+        """EM readings, with about half a wave of error over the volume in each axis."""
         bent = distortion * np.sin(points @ waves.T + phases)
         return np.asarray(points + bent + em_noise * random.standard_normal(points.shape))
 

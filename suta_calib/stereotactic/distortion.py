@@ -107,7 +107,7 @@ class DistortionCorrection(Displayable):
         return np.asarray(np.where(self.inside(points), 0.0, distance))
 
     def inside(self, points: FloatArray) -> BoolArray:
-        """Whether measured points lie in what the calibration covered: (..., 3) → (...)."""
+        """Whether measured points lie in the calibrated volume: (..., 3) → (...)."""
         return _in_hull(np.asarray(points, dtype=float), self.hull)
 
     def body_error(self, frames: FloatArray) -> FloatArray:
@@ -132,7 +132,7 @@ def fit_distortion(
     degrees: Sequence[int] = DEGREES,
     corrected: FloatArray | None = None,
 ) -> DistortionCorrection:
-    """Fit the correction; cross-validation over frames chooses the degree, over borders how on.
+    """Fit the correction; cross-validation chooses its degree, and how it continues outside.
 
     Frames are left out whole, one after the other, because the points of one frame share the
     errors of its pose. A left-out point counts where the other frames surround it. Of the degrees
@@ -156,7 +156,7 @@ def fit_distortion(
 def _fit_inside(
     measured: FloatArray, expected: FloatArray, degrees: Sequence[int] = DEGREES
 ) -> tuple[DistortionCorrection, dict[int, _PolynomialFit]]:
-    """The correction, which stays outside as it is at the border; and all fits by degree."""
+    """The correction, constant outside from the border on, and the fits of all degrees."""
     if len(measured) < 2:
         raise SamplesError(
             f"{len(measured)} frame of calibration readings",
@@ -195,7 +195,7 @@ def _continued(
     fits: Mapping[int, _PolynomialFit],
     corrected: FloatArray | None,
 ) -> DistortionCorrection:
-    """The same with the continuation that best predicts the frames at the border from the rest."""
+    """The correction with the continuation that best predicts the frames at the border."""
     degree, size = correction.degree, correction.upper - correction.lower
     farthest = THICKEST if corrected is None else correction.farthest(corrected)
     # In a thinner layer hardly a marker is.
@@ -232,12 +232,12 @@ def _continued(
 
 
 def smooth_distortion(measured: FloatArray, expected: FloatArray) -> DistortionCorrection:
-    """A correction of low degree; what it leaves of left-out frames tells whether one is due."""
+    """A correction of low degree, to test with left-out frames whether one is needed."""
     return _fit_inside(measured, expected, (1, 2, 3))[0]
 
 
 def is_distorted(measured: FloatArray, expected: FloatArray) -> bool:
-    """Whether a correction would take more than a third off the error of left-out frames."""
+    """Whether a correction reduces the error of left-out frames by more than a third."""
     try:
         fit = smooth_distortion(measured, expected)
     except SamplesError:
@@ -442,7 +442,7 @@ def _robustly(
 
 
 def far_off(errors: FloatArray) -> BoolArray:
-    """Which errors (N_frames, n, 3), m, are far too large for a scatter of the median's size."""
+    """Errors (N_frames, n, 3), m, that are far too large compared with the median."""
     sizes = np.linalg.norm(errors, axis=-1)
     sigma = float(np.median(sizes)) / np.sqrt(chdtri(DIMENSION, 0.5))
     # Times the limit for normal errors: what a polynomial cannot follow is no outlier.

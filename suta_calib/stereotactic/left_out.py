@@ -1,4 +1,4 @@
-"""Whether a step leaves rows out as outliers: what predicts left-out frames better decides.
+"""Decides whether a step leaves outliers out: the better prediction of left-out frames counts.
 
 A robust fit pays where rows are wrong, and loses where they only scatter. Nobody knows beforehand,
 and each step may differ: both fits are made, and each predicts every frame from the others.
@@ -13,7 +13,7 @@ from suta_calib.geometry.numbers import register_points
 
 
 def robust_predicts_better(plain: FloatArray, robust: FloatArray) -> bool:
-    """Whether leaving rows out predicts left-out frames better, by more than chance.
+    """Whether leaving rows out significantly improves the prediction of left-out frames.
 
     Errors (n,), m, of left-out frames if all rows are believed, and if those that do not fit are
     left out.
@@ -27,7 +27,7 @@ def robust_predicts_better(plain: FloatArray, robust: FloatArray) -> bool:
     gain = np.subtract(*squares)
     if len(gain) < 2:
         return False
-    # Standard errors by which a robust fit must predict better to be believed.
+    # Standard errors by which a robust fit must predict better to be used.
     return bool(gain.mean() > 2.0 * gain.std(ddof=1) / np.sqrt(len(gain)))
 
 
@@ -40,7 +40,7 @@ def left_out_of_pivot(rotation: FloatArray, position: FloatArray, used: BoolArra
     error = columns @ solved + position
     # Errors that a frame would have if it were not fitted: (I - H)⁻¹ e with the hat matrix H.
     fitted = columns @ inverse @ np.swapaxes(columns, 1, 2) * used[:, None, None]
-    # Distance from one, of a leverage, where the others do not tell a row.
+    # Distance of a leverage from one at which the other rows do not predict a row.
     undetermined = 1e-9
     left = np.linalg.solve((1.0 + undetermined) * np.eye(3) - fitted, error[..., None])[..., 0]
     return np.asarray(np.linalg.norm(left, axis=1))

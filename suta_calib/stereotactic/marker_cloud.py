@@ -197,7 +197,7 @@ def _agreeing(markers: FloatArray, frames: FloatArray) -> BoolArray:
 def _proven(markers: FloatArray, frames: FloatArray, used: BoolArray) -> BoolArray:
     """The markers used; all of them in frames whose others predict one another no better so."""
     everything = np.ones_like(used)
-    # What is judged are the markers that both ways believe, each predicted from the others.
+    # Markers that both ways use are compared, each predicted from the others.
     errors = {}
     for way, believed in (("plain", everything), ("robust", used)):
         squares = np.zeros(used.shape)

@@ -1,4 +1,4 @@
-"""Where the EM probe's tip was in CT, how far to trust it, and whether the fiducials agree."""
+"""Position of the EM probe's tip in CT, its expected error, and a check of the fiducials."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from suta_calib.units import mm
 
 @dataclass(frozen=True, eq=False)
 class Navigation:
-    """Where the EM probe's tip was in CT.
+    """Positions of the EM probe's tip in CT.
 
     Attributes:
         registration: ``T_ct_em`` by the fiducials.
@@ -46,7 +46,7 @@ class Navigation:
 
     @property
     def unexplained(self) -> str:
-        """What is said of fiducials that lie farther from each other's places than they are read.
+        """A note on fiducials that deviate from the others by more than their readings scatter.
 
         So few of them hardly tell which is wrong; empty where the readings explain it.
         """

@@ -1,4 +1,4 @@
-"""Judges shapes: whether rigid bodies look in every frame as they should, by their own scatter.
+"""Checks whether rigid bodies have their shape in every frame, compared with their scatter.
 
 What the markers of a body miss its shape by in the same way in all frames is no noise: noise has no
 memory. Nor is what a few of them miss it by, far beyond what the others scatter.
@@ -37,7 +37,7 @@ CHANCE: Final = 1e-6
 SEVERAL: Final = 4.0
 # Part of an error that its explanation leaves at most.
 EXPLAINED: Final = 0.5
-# Frames that tell a scatter.
+# Smallest number of frames from which a scatter is estimated.
 ENOUGH_TO_SCATTER: Final = 3
 # Frames that are named.
 MOST_FRAMES: Final = 3
@@ -122,7 +122,7 @@ def on_given_shapes(shapes: Sequence[GivenShape], *, robust: bool) -> tuple[list
 
 
 def _misshapen(shape: GivenShape) -> str:
-    """What is said of markers in another unit or order; empty where they are not."""
+    """Notes on markers in another unit or order; empty if there are none."""
     body = shape.body
     # Where half of the markers are left out, it is they that may be right.
     everything = body.used.mean() < EXPLAINED
@@ -290,7 +290,7 @@ class ObservedProbe:
 
 
 def on_probe(probe: ObservedProbe) -> tuple[list[str], list[str]]:
-    """Frames in which the EM probe has not the shape that it pivots with: reasons bad, and care.
+    """Frames in which the EM probe's shape differs from that in the pivot: reasons bad, and care.
 
     A pivot, and a registration, notice a frame that does not fit the others; a tip that is only
     looked for has none. What is usual the same files tell, of the pivot and of all others.
@@ -344,7 +344,7 @@ def on_late_base(
     what the base moved by from frame to frame.
     """
     rows, nothing = np.arange(1, len(measured) - 1), (list[str](), list[str]())
-    # Fewer do not tell which frames belong together.
+    # Fewer frames cannot be sorted into groups.
     if len(rows) < 8:
         return nothing
     em_markers = placed.to_tracker(body)[rows]
@@ -363,7 +363,7 @@ def on_late_base(
         return nothing
     try:
         before = left(now)
-        # Of a base that is read late the readings err by as much as it moves.
+        # If the base is read late, the error is the motion of the base.
         after = {
             lag: left(expected(lag))
             for lag, by in moved.items()

@@ -59,7 +59,7 @@ from suta_calib.units import mm
 from suta_calib.words import listed
 
 A = TypeVar("A", PivotCalibration, Registration)
-# Files with frames of the EM probe; the first tells its shape.
+# Files with frames of the EM probe; the first one defines its shape.
 EM_PROBE: Final = ("empivot", EM_FIDUCIALS[0], "EM-nav")
 # The EM tracker's base and the calibration object, as the optical tracker sees them.
 BASE, PLACED, PIVOT_BASE = "calreadings: D", "calreadings: A", "optpivot: D"
@@ -72,7 +72,7 @@ USES: Final = {
 
 @dataclass(frozen=True, eq=False)
 class StereotacticResult(Displayable):
-    """Answer to the assignments.
+    """Result of the navigation problem.
 
     Attributes:
         data: what was given.
@@ -113,7 +113,7 @@ class StereotacticResult(Displayable):
     @property
     @judged
     def assessment(self) -> Assessment:
-        """Weighs the pivots, the registration, the distortion, and what was extrapolated."""
+        """Verdict from the pivots, the registration, the distortion, and the extrapolation."""
         parts: dict[str, PivotCalibration | Registration] = {
             "EM pivot": self.em_pivot,
             "optical pivot": self.optical_pivot,
@@ -140,7 +140,7 @@ class StereotacticResult(Displayable):
 
     @property
     def output1(self) -> Output1:
-        """What the first assignment asks for."""
+        """The output of the first assignment."""
         return Output1(self.em_pivot.post, self.optical_pivot.post, self.expected)
 
 
@@ -297,7 +297,7 @@ def _on_em_markers(result: StereotacticResult) -> list[str]:
     """
     body, measured, expected = result.data.body.em, result.data.readings.em, result.expected
     off = rms_length(result.em_error)
-    # Misfit of EM readings that asks for a reason, as part of the markers' extent.
+    # Misfit of EM readings from which a reason is looked for, as part of the markers' extent.
     if off <= 0.05 * extent(body):
         return []
     sentence = (
@@ -329,7 +329,7 @@ def _on_em_markers(result: StereotacticResult) -> list[str]:
 
 
 def _on_bodies(result: StereotacticResult, *, misread: bool) -> tuple[list[str], list[str]]:
-    """What the rigid bodies' own markers say against the answer: bad, care."""
+    """Contradictions from the shapes of rigid bodies: bad, care."""
     bodies, body, correction = result.bodies, result.data.body, result.correction
     base, placed, measured = bodies[BASE], bodies[PLACED], result.data.readings.em
     robust, expected = bool(result.outliers), "the expected EM markers"
@@ -402,7 +402,7 @@ def _on_distortion(result: StereotacticResult) -> list[str]:
 
 @dataclass(frozen=True, eq=False)
 class StereotacticErrors(Displayable):
-    """Distances of the answer from the given one; None where that file is not there.
+    """Distances between the result and the given one; None if that file is missing.
 
     Attributes:
         expected: (N_frames, N_C) of the expected EM markers, m.

@@ -1,6 +1,6 @@
 """Kinds of observation, and what is common to them. `kinds.py` has the list.
 
-Names are imported when they are first used: who calibrates one kind need not wait for all.
+Names are imported when they are first used, so that only the needed kinds are loaded.
 """
 
 import lazy_loader

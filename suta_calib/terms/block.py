@@ -1,4 +1,4 @@
-"""What a term is made of: residuals of one unit, their noise, and the artefact's part in them."""
+"""Blocks of a term: residuals of one unit, their noise, and the artefact's part in them."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ Residual = Callable[[Sequence[Pose], Symbol, Symbol], Symbol]
 
 @dataclass(frozen=True)
 class Noise:
-    """How a block's residuals scatter, and how much of a large one is believed.
+    """Noise of a block's residuals, and the threshold of the robust loss.
 
     Attributes:
         sigma: standard deviation of one component, m or rad; None to learn it from the data.
@@ -71,7 +71,7 @@ LEARNT: Final = Noise()
 
 @dataclass(frozen=True, eq=False)
 class Certified:
-    """Coordinates that somebody else measured once and that every touch of a landmark shares.
+    """Certified coordinates, whose errors all touches of a landmark share.
 
     Attributes:
         keys: what identifies a landmark, also in another term over the same artefact.

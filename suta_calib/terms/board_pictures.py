@@ -1,4 +1,4 @@
-"""Pictures of one board by one camera: where it is in each, and from which end it is numbered.
+"""Pictures of one board by one camera: its pose in each, and the numbering of its corners.
 
 A hand and the eye on it, or the board on it, turn by the same angle between two pictures, whatever
 X and Z are. So every pair of pictures of a board that looks the same after half a turn says whether

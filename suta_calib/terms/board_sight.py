@@ -1,4 +1,4 @@
-"""What an ideal camera sees of a board that stands before it."""
+"""The picture of a board by an ideal camera."""
 
 from __future__ import annotations
 

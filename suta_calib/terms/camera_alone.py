@@ -1,4 +1,4 @@
-"""A camera as pictures of a board alone show it, with the distortion of its lens.
+"""A camera from pictures of a board alone, with the distortion of its lens.
 
 From the closed form, which knows of no distortion, the reprojection errors of all pictures are
 minimised, each with a pose of the board of its own (Zhang 2000, doi:10.1109/34.888718, 3.2 and

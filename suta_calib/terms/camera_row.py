@@ -1,4 +1,4 @@
-"""What a row of a job says of a camera that sees a board: its keys, files, noise and corners."""
+"""The row of a job for a camera that sees a board: its keys, files, noise and corners."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Closed forms of a camera that sees a board: where the board is, and the camera's intrinsics.
+"""Closed forms for a camera that sees a board: the board's pose, and the intrinsics.
 
 What is found here is where a solver starts. Homographies and projections are found linearly from
 points that are first centred and scaled (Hartley 1997, doi:10.1109/34.601246).

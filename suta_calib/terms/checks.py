@@ -1,4 +1,4 @@
-"""What several kinds refuse in the same words."""
+"""Checks that several kinds share."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def check_unit(
     expected: str,
     hint: str,
 ) -> None:
-    """Refuse lengths in another unit than the arm's, which no solver would make fit.
+    """Refuse lengths in another unit than the arm's; no solver could fit them.
 
     Where one length of the arm in another unit would explain it, and no other length would, that
     one is named. The size is the root mean square distance, m, of what was seen or touched from its

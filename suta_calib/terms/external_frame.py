@@ -1,4 +1,4 @@
-"""What stands outside the arm and is found with it: cameras, instruments, artefacts, points.
+"""Things outside the arm that are estimated with it: cameras, instruments, artefacts, points.
 
 A term's own unknowns are numbers; most of them make up a pose or a point that somebody came for:
 ``x, y, z`` and a rotation vector ``rx, ry, rz``.

@@ -1,4 +1,4 @@
-"""What a kind of observation takes from arrays: its columns and its attributes, each checked.
+"""Builds a kind of observation from arrays: its columns and attributes are checked.
 
 Nothing here is said of a kind that the kind does not say of itself: `SampleColumns` names the
 arrays, the fields of the class name the rest.
@@ -36,7 +36,7 @@ _LABELS: Final = "a label for each row, or one for all"
 
 
 class ArrayColumn(NamedTuple):
-    """One array that a kind takes.
+    """One array argument of a kind.
 
     Attributes:
         takes: its shape and unit.

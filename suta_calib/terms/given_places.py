@@ -1,4 +1,4 @@
-"""What a term makes of poses that somebody knows beforehand: of its places, frames and marks."""
+"""Known poses of a term's places, frames and marks."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Poses that somebody knows beforehand: surveyed, taped down, certified; exactly or roughly."""
+"""Poses that are known before the calibration: surveyed or certified, exact or with a prior."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ class PriorValue:
 
 @dataclass(frozen=True, eq=False)
 class GivenPose(Displayable):
-    """Where something stands, as far as that is known.
+    """A known pose or position of something, exact or with standard deviations.
 
     Attributes:
         position: (3,), m.

@@ -1,4 +1,4 @@
-"""What kinds have in common of which something is seen, by an instrument or a camera."""
+"""Common parts of kinds in which an instrument or a camera sees something."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The intrinsics of a camera as unknowns, and how far they may be from what is known of them."""
+"""The intrinsics of a camera as unknowns, with their prior."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ HELD: Final = 1e-6
 
 @dataclass(frozen=True)
 class IntrinsicsPrior:
-    """How far the intrinsics of a camera may be from what is known of them: standard deviations.
+    """Prior of a camera's intrinsics: standard deviations about the known values.
 
     Attributes:
         focal: of the focal lengths, part of them.

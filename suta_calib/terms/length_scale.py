@@ -1,4 +1,4 @@
-"""Whose lengths observations are measured in, how much longer they are, and the stretch of a body.
+"""The source of the scale of observations, errors of the scale, and the stretch of a body.
 
 Paper is fed, and plastic shrinks, by another factor along each axis. With s = (s_x, s_y) a point
 l of an artefact or a board is at ``diag(1 + s_x, 1 + s_y, 1) l``. Each has a prior of the body's
@@ -59,7 +59,7 @@ def stretch_factors(parameters: Iterable[Parameter], values: Mapping[str, float]
 
 @dataclass(frozen=True)
 class ScaleCarrier:
-    """What gives observations their unit of length.
+    """The body or instrument that carries the scale of observations.
 
     Attributes:
         what: ``artefact``, ``board`` or ``instrument``.
@@ -86,7 +86,7 @@ _INSTRUMENT: Final = LengthScale(INSTRUMENT_PPM * PPM)
 
 
 def scale_carrier(term: Term) -> ScaleCarrier | None:
-    """What a term has its lengths from; None where it has none, as from points touched anywhere.
+    """The source of a term's scale; None if it measures no lengths, as for points of unknown place.
 
     Measured poses that nobody states a scale of count as exact: commands on poses state theirs.
     """

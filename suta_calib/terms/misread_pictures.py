@@ -1,4 +1,4 @@
-"""Pictures that cannot be of this board by this camera as their files have them, and what can be.
+"""Finds pictures that contradict the files of board and camera, and the likely reason.
 
 Another board, a camera of pictures of another size, pixels that are counted in another way, corners
 that are no corners, pictures or boards upside down.

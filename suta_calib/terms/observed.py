@@ -1,4 +1,4 @@
-"""What an ideal instrument would report, and how a simulation of it scatters."""
+"""Ideal readings of an instrument, and their simulation with noise."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ class TrueFrame:
 
 @dataclass(frozen=True, eq=False)
 class Observed(Displayable):
-    """What an ideal instrument would report, or where a tip that touches ideally would be.
+    """The ideal reading of an instrument, or the ideal position of a touching tip.
 
     Attributes:
         position: (n, 3), m: of what is seen, in the instrument or the camera; of a tip that

@@ -1,4 +1,4 @@
-"""What kinds have in common whose samples are at places that stand somewhere unknown."""
+"""Common parts of kinds whose samples are at places of unknown pose."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How far an answer may be trusted: one statistical test, and what it is asked about."""
+"""How far a result can be trusted: one statistical test, and the hypotheses that it checks."""
 
 import lazy_loader
 

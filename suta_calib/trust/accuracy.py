@@ -1,4 +1,4 @@
-"""How far off, before and after, on the data that were fitted and on data that were not."""
+"""Errors before and after calibration, on fitted data and on validation data."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ ROUNDING: Final = 1e-7
 
 @dataclass(frozen=True)
 class Metrics:
-    """Summary of absolute errors: every one counts, none is down-weighted.
+    """Summary of absolute errors, all with the same weight.
 
     Attributes:
         rms, mean, std, maximum: of the error norms, m (or rad); std about the mean.
@@ -59,13 +59,13 @@ class Metrics:
 
 @dataclass(frozen=True, eq=False)
 class BlockErrors(Displayable):
-    """Errors of one block of a term.
+    """Errors of one residual block of a term.
 
     Attributes:
         name: ``distance``, ``position`` or ``rotation``.
         unit: m or rad.
-        labels: (n,) what was looked at: a landmark, a pair, a row.
-        rows: (n, k) samples each error belongs to.
+        labels: (n,) name of the landmark, pair or row.
+        rows: (n, k) samples that each error depends on.
         residual_before, residual_after: (n, d) with sign.
         pixel: length that a pixel covers, m, where they were seen in pictures.
     """
@@ -91,7 +91,7 @@ class BlockErrors(Displayable):
 
 @dataclass(frozen=True, eq=False)
 class TermAccuracy(Displayable):
-    """One term, nominal arm against calibrated arm."""
+    """Errors of one term, with the nominal and with the calibrated arm."""
 
     term: Term
     blocks: tuple[BlockErrors, ...]
@@ -109,9 +109,9 @@ class TermAccuracy(Displayable):
 
 @dataclass(frozen=True)
 class Gain:
-    """What the calibrated arm is better than the nominal one, in held-out errors, and how surely.
+    """Difference of the validation errors of nominal and calibrated arm, with its significance.
 
-    The same rows judge both arms, so their squared errors are compared row by row, and rows that
+    Both arms are tested on the same rows, so squared errors are compared row by row, and rows that
     err together count once. An arm that was right before gets worse by what its estimates are
     unsure of: that alone is no reason not to use it.
 
@@ -136,7 +136,7 @@ class Gain:
 
     @property
     def significance(self) -> float:
-        """The mean, in standard errors: those of its scatter and of what the estimates add."""
+        """Mean difference in standard errors (of scatter and of the estimates)."""
         differ = abs(self.before - self.after) > ROUNDING
         error = math.hypot(self.std, self.unsure_std)
         if not differ:
@@ -145,13 +145,13 @@ class Gain:
 
     @property
     def better(self) -> bool:
-        """Whether the calibrated arm is better by more than chance."""
+        """Whether the calibrated arm is significantly better."""
         differ = self.before - self.after > ROUNDING
         return differ and (self.mean > self._limit * self.std or self._far(self.before, self.after))
 
     @property
     def worse(self) -> bool:
-        """Whether it is worse by more than chance, and than its estimates are unsure of."""
+        """Whether it is significantly worse, also in view of the uncertainty of its estimates."""
         if self.after - self.before < ROUNDING:
             return False
         if -self.mean < self._limit * self.std and not self._far(self.after, self.before):
@@ -196,7 +196,7 @@ class Accuracy(Displayable):
         held_out_values: of the held-out terms' parameters, with the calibrated arm, m or rad.
         nominal_values: of the fitted terms' parameters, with the nominal arm, m or rad.
         held_out_nominal: the same of the held-out terms.
-        unjudged: why the held-out terms could not be looked at, one sentence each.
+        unjudged: why the validation errors could not be computed, one sentence each.
         gain: on the held-out terms of the first one's kind; None where nothing is held out.
     """
 
@@ -229,7 +229,7 @@ def _of_first_kind(terms: Sequence[TermAccuracy]) -> list[TermAccuracy]:
 @single_threaded
 @checked
 def assess(solution: Solution, validation: Sequence[Term] = ()) -> Accuracy:
-    """Errors with the nominal and with the calibrated arm, the arm held in both.
+    """Errors with the nominal and with the calibrated arm; the arm itself is not fitted.
 
     A term's own unknown keeps the value fitted on the observations where its name occurs there;
     otherwise it is fitted on the validation rows alone, for the nominal arm as for the calibrated.
@@ -390,7 +390,7 @@ def term_accuracies(
 
 
 def fitted_too(fitted: Sequence[Term], held_out: Sequence[Term]) -> BoolArray:
-    """Which held-out rows, (n,) of all terms in order, are fitted ones."""
+    """Validation rows, (n,) of all terms in order, that are also among the fitted rows."""
     fitted_keys = {key for term in fitted for key in term.poses.samples.as_keys()}
     keys = [key for term in held_out for key in term.poses.samples.as_keys()]
     return np.array([key in fitted_keys for key in keys], dtype=np.bool_)

@@ -1,4 +1,4 @@
-"""Whether a calibration may be used, in one word and a few sentences."""
+"""The verdict on a calibration: whether it can be used, in one word and a few sentences."""
 
 from __future__ import annotations
 
@@ -23,11 +23,11 @@ from suta_calib.words import listed
 
 
 def assess_calibration(examined: CalibrationExamination) -> Assessment:
-    """Weigh convergence, held-out errors, bounds, fit, noise and what could not be told.
+    """Verdict from convergence, validation errors, bounds, fit, noise and unidentified parameters.
 
     Returns:
-        ``bad`` where the solution is not to be used, or the calibrated arm is worse than the
-        nominal one on held-out data; ``care`` where something must be known.
+        ``bad`` if the solution must not be used, or the calibrated arm is worse than the nominal
+        one on held-out data; ``care`` where something must be known.
     """
     solution, accuracy, failed = examined.solution, examined.accuracy, list[str]()
     terms = [*solution.problem.terms, *(item.term for item in accuracy.validation)]
@@ -91,7 +91,7 @@ def assess_calibration(examined: CalibrationExamination) -> Assessment:
 
 
 def assess_solution(solution: Solution) -> Assessment:
-    """The same of the fitted data alone, as `Solution.assessment` has it."""
+    """The verdict from the fitted data alone, as in `Solution.assessment`."""
     return assess_calibration(CalibrationExamination.of(solution))
 
 
@@ -165,7 +165,7 @@ def _on_parameters(examined: CalibrationExamination) -> list[str]:
 
 
 def _as_drawn(examined: CalibrationExamination) -> list[str]:
-    """What no data of these kinds could tell is no convention where the tip hangs on it."""
+    """A note on redundant parameters that the tip depends on: these are not a convention."""
     held = [explanation for explanation in examined.explanations if explanation.as_drawn]
     if not held:
         return []
@@ -177,7 +177,7 @@ def _as_drawn(examined: CalibrationExamination) -> list[str]:
 
 
 def _on_scale(examined: CalibrationExamination) -> list[str]:
-    """Whatever makes all that was measured longer makes the arm longer, and leaves no residual."""
+    """A note on the scale: if measured lengths are too long, so is the arm, without residuals."""
     unseen, guessed = held_unseen(examined.solution), _guessed_scales(examined)
     carried = [e.sentence for e in examined.scale_effects if e.carries and e not in guessed]
     return [*carried, *([unseen] if unseen else [])]
@@ -208,7 +208,7 @@ def _on_widening(solution: Solution) -> list[str]:
 
 
 def _at_stake(solution: Solution, held: Sequence[Explanation]) -> str:
-    """What the tip loses where what is held is not as drawn, the worst of each unit."""
+    """Error of the tip if held parameters differ from the drawing; the largest of each unit."""
     parameters = solution.problem.parameters
     worst: dict[Unit, Explanation] = {}
     for each in sorted(held, key=lambda item: item.moves):
@@ -224,7 +224,7 @@ def _at_stake(solution: Solution, held: Sequence[Explanation]) -> str:
 
 
 def _keep_nominal(held: Sequence[Explanation]) -> str:
-    """The predicate of parameters that the data leave as they were."""
+    """End of a sentence about parameters that keep their URDF values."""
     return "keeps its URDF value" if len(held) == 1 else "keep their URDF values"
 
 
@@ -250,7 +250,7 @@ def _causes(examined: CalibrationExamination, failed: list[str]) -> list[str]:
 
 
 def _cause_of_model(examined: CalibrationExamination) -> tuple[list[str], bool]:
-    """What the model lacks beside parameters, and whether it is said before other readings."""
+    """An error that the model lacks, and whether it is reported before other interpretations."""
     cause = examined.fewer.strongest_cause
     if cause is None or cause.evidence.effect.parameters:
         return [], False
@@ -285,7 +285,7 @@ def _named_cause(examined: CalibrationExamination, accuracy: Accuracy, *, alone:
 def _best_extension(
     examined: CalibrationExamination, accuracy: Accuracy, choices: Sequence[Sequence[str]]
 ) -> ExtensionGain | None:
-    """The choice that predicts left-out rows best; None if none does, or rows are too few."""
+    """The extension that predicts left-out rows best; None if there is none or too few rows."""
     linear = examined.linearised
     return None if linear is None else best_extension(linear, accuracy.validation, choices)
 

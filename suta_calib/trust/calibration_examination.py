@@ -1,4 +1,4 @@
-"""All that is computed about a calibration after it was solved, each quantity once."""
+"""All quantities that are computed about a calibration after the solve, each once."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ from suta_calib.trust.wrong_labels import WrongLabel, wrong_labels
 class CalibrationExamination(Examination):
     """A calibration, with everything that is computed about it.
 
-    Whoever shows a calibration reads it here. Effects are tested beside all of the arm's geometry.
+    Reports and views read them here. Effects are tested with the whole geometry of the arm free.
 
     Attributes:
         validation: terms that were not fitted.
@@ -58,7 +58,7 @@ class CalibrationExamination(Examination):
     def of(
         cls, solution: Solution, validation: Sequence[Term] = (), rule: Rule = Rule()
     ) -> CalibrationExamination:
-        """Examine a solution; nothing is computed before somebody asks for it."""
+        """Examine a solution; each quantity is computed when it is first used."""
         return cls(solution, solution.sigmas, validation=tuple(validation), rule=rule)
 
     # ── the problem in which effects are tested ─────────────────────────────────────────────
@@ -75,7 +75,7 @@ class CalibrationExamination(Examination):
 
     @property
     def problem(self) -> Problem:
-        """The problem with all that the arm can be given among its unknowns."""
+        """The problem with every parameter that the arm offers as an unknown."""
         return self._beside[0]
 
     @property
@@ -112,12 +112,12 @@ class CalibrationExamination(Examination):
 
     @cached_property
     def held_out(self) -> tuple[HeldOutErrors, ...]:
-        """Held-out errors of every block beside their prediction."""
+        """Validation errors of every block, with their prediction."""
         return held_out_errors(self.solution, self.accuracy)
 
     @cached_property
     def widened(self) -> CalibrationExamination:
-        """The same answer with standard deviations that predict the held-out errors."""
+        """The same result, with standard deviations enlarged to match the validation errors."""
         factor = widening(self.held_out)
         if factor == 1.0:
             return self
@@ -126,7 +126,7 @@ class CalibrationExamination(Examination):
 
     @cached_property
     def lack_of_fit(self) -> tuple[LackOfFit, ...]:
-        """Residuals beside the scatter of repeats."""
+        """Residuals compared with the scatter of repeats."""
         return lack_of_fit(self.solution)
 
     @cached_property
@@ -143,7 +143,7 @@ class CalibrationExamination(Examination):
 
     @cached_property
     def effective_unknowns(self) -> float:
-        """How many unknowns the data have determined."""
+        """Number of unknowns that the data determine."""
         return effective_unknowns(self.solution)
 
     # ── what the data say ───────────────────────────────────────────────────────────────────
@@ -162,33 +162,33 @@ class CalibrationExamination(Examination):
 
     @cached_property
     def scale_effects(self) -> tuple[ScaleEffect, ...]:
-        """What carries the scale of the arm; empty without convergence."""
+        """Sources of the arm's scale, with their effects; empty without convergence."""
         return scale_effects(self.solution) if self.solution.converged else ()
 
     # ── what may be wrong ───────────────────────────────────────────────────────────────────
     @cached_property
     def contradictions(self) -> tuple[Contradiction, ...]:
-        """What disagrees with the answer, the worst first."""
+        """Contradictions between the result and the data, the worst first."""
         return contradictions(self.solution, self.held_out)
 
     @cached_property
     def contradicted_beliefs(self) -> tuple[ContradictedBelief, ...]:
-        """What the data contradict of what terms hold, such as intrinsics."""
+        """Fixed values of terms, such as intrinsics, that the data contradict."""
         return tuple(contradicted_beliefs(self.solution))
 
     @cached_property
     def priors(self) -> PriorNotes:
-        """Whether the arm is farther off than its priors allow."""
+        """Whether the errors of the arm are larger than its priors allow."""
         return judge_priors(self.solution)
 
     @cached_property
     def other_reading(self) -> Rereading | None:
-        """The data read differently, where that explains them far better."""
+        """Another interpretation of the data, if they fit far better with it."""
         return explaining_reading(self.solution, self.rule)
 
     @cached_property
     def wrong_labels(self) -> tuple[WrongLabel, ...]:
-        """Single rows that agree with another landmark than they say."""
+        """Single rows that agree with another landmark than their label states."""
         return wrong_labels(self.solution, self.accuracy.calibration)
 
     @cached_property
@@ -198,7 +198,7 @@ class CalibrationExamination(Examination):
 
     @cached_property
     def changes(self) -> tuple[ChangeInTime, ...]:
-        """What changed while the rows were measured."""
+        """Changes during the measurement, such as a base that moved."""
         return changes(self, self.rule)
 
     @cached_property
@@ -217,7 +217,7 @@ class CalibrationExamination(Examination):
 
     @cached_property
     def linearised(self) -> LinearModels | None:
-        """The answer prepared for fits with more unknowns; None with too few rows to hold out."""
+        """The linearised result, for fits with more unknowns; None if rows are too few."""
         try:
             folds = folds_of(self.solution.problem.terms)
         except SamplesError:

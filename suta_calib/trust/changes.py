@@ -1,4 +1,4 @@
-"""Did something change while it was measured? An encoder that slipped, a base that crept away.
+"""Detects changes during the measurement. An encoder that slipped, a base that crept away.
 
 Small changes hide: the fit spreads them over its unknowns, and every residual stays plausible. Each
 of them moves the tip in its own way, though, from some row on or ever more: the hypotheses of
@@ -37,7 +37,7 @@ from suta_calib.trust.rule import Rule
 
 @dataclass(frozen=True, eq=False)
 class Suspect:
-    """What may have changed, where it explains most.
+    """A possible change, at the row where it explains most.
 
     Attributes:
         hypothesis: what it is; None where a model lacks something instead.
@@ -69,7 +69,7 @@ class Suspect:
 
 @single_threaded
 def changes(answer: Examination, rule: Rule = Rule()) -> tuple[ChangeInTime, ...]:
-    """The most telling change, where there is one."""
+    """The most significant change, or None."""
     if answer.arm is None:
         return ()
     fit = everything_follows(answer)
@@ -151,7 +151,7 @@ def waves(fit: ReducedFit, suspect: Suspect) -> FloatArray:
 
 
 def _needed(fit: ReducedFit, suspect: Suspect, rule: Rule) -> float:
-    """Squares that it must explain; of gross errors, which nothing explains, none."""
+    """Squared residuals that it must explain; gross errors do not count."""
     first, end = fit.problem.evaluation.table.first[suspect.term : suspect.term + 2]
     sample = samples_of(fit.rows)
     sound = (sample >= first) & (sample < end) & (fit.linear.weights >= 1.0)

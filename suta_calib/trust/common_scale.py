@@ -60,12 +60,12 @@ class CommonScale:
 
     @property
     def significance(self) -> float:
-        """Standard deviations that it is off."""
+        """Its size in standard deviations."""
         return abs(self.value) / self.std
 
 
 def common_scales(solution: Solution) -> Iterator[CommonScale]:
-    """What the data tell of every factor; nothing where they tell none."""
+    """The estimate of every factor that the data determine."""
     # Standard deviation from which on the data do not tell a factor: were every length 0, there
     # would be no residuals, and that much information they pretend.
     if determined := [step for step in _steps(solution) if step.std < 0.01]:
@@ -75,7 +75,7 @@ def common_scales(solution: Solution) -> Iterator[CommonScale]:
 
 
 def relied_on(solution: Solution) -> list[tuple[object, ...]]:
-    """What the arm's lengths have their scale from, and its name.
+    """The source of the scale of the arm's lengths, and its name.
 
     If all lengths of it were longer by one factor, the arm's would come out longer by `FOLLOWS` of
     that or more.
@@ -89,7 +89,7 @@ def relied_on(solution: Solution) -> list[tuple[object, ...]]:
 
 
 def _steps(solution: Solution) -> Iterator[CommonScale]:
-    """The factor of every sort of lengths that there is, told or not."""
+    """The factor of every kind of length, whether the data determine it or not."""
     fit = _fit(solution)
     carriers = [scale_carrier(term) for term in solution.problem.terms]
     for what in ("artefact", "instrument", "board"):
@@ -127,7 +127,7 @@ def _step(solution: Solution, fit: LinearFit, what: str, mine: Sequence[bool]) -
     moved = Problem(longer, problem.arm_parameters).linearise(x, noise)
     whitened = np.concatenate([(r.residual / r.sigma[:, None]).ravel() for r in moved])
     column = (whitened - fit.residual)[:, None] / STEP
-    # What the others imitate but for rounding is told by nothing.
+    # Nothing determines a factor that the others imitate up to rounding.
     rounding = 1e-13 * float(fit.weights @ column[:, 0] ** 2)
     information = max(float(fit.curvature(column)[0, 0]), rounding, 1e-300)
     # What must be made longer is stated too short.
@@ -163,7 +163,7 @@ def _one_alone(fit: LinearFit) -> tuple[int, float, float] | None:
 
 
 def beyond_drawing(solution: Solution) -> CommonScale | None:
-    """The factor by which an arm came out longer than a drawing of its grade lets it be.
+    """The factor by which the estimated arm is longer than the tolerance of its grade allows.
 
     Each length is off by the tolerance of the grade and by its own uncertainty. Where nobody states
     a grade, that of the worst.
@@ -200,7 +200,7 @@ def _lengths(solution: Solution, least: float) -> tuple[list[int], FloatArray, F
 
 
 def _grown(solution: Solution) -> Iterator[CommonScale]:
-    """How the arm's estimated lengths have grown together."""
+    """The common factor of the arm's estimated lengths."""
     # Touches of points, lines and planes measure no length: there a held length of the drawing
     # carries the scale, and that the others grow with its error is no sign of another arm.
     if not list(scale_carriers(solution.problem.terms)):

@@ -59,7 +59,7 @@ MANY_EACH: Final = 8
 
 @dataclass(frozen=True)
 class ContradictedBelief:
-    """What was believed of one thing, and what the data make of it.
+    """Fixed values of one thing, such as a camera, and the values that the data give.
 
     Attributes:
         told: the parameters, nominal as they were believed.
@@ -75,7 +75,7 @@ class ContradictedBelief:
 
     @property
     def sentence(self) -> str:
-        """What is contradicted, and what to do."""
+        """The contradiction, and what to do."""
         changes = ", ".join(
             f"{p.key} {text(p.nominal, p.unit)} → {text(value, p.unit)} ± "
             f"{text(std, p.unit, with_unit=True)}"
@@ -84,7 +84,7 @@ class ContradictedBelief:
         return (
             f"The data contradict the fixed values of {self.told[0].owner} ({changes}). The result "
             "follows the fixed values, and no ± includes this error. Estimate them "
-            f"({self.remedy}); or estimate more of the arm, if the arm may be what is wrong."
+            f"({self.remedy}); or estimate more of the arm, if the error may be in the arm."
         )
 
 
@@ -116,7 +116,7 @@ def contradicted_beliefs(solution: Solution) -> Iterator[ContradictedBelief]:
         change = again.x[at] - np.array([p.nominal for p in parameters])
         covariance = again.covariance[np.ix_(at, at)]
         prior = np.array([p.prior or np.inf for p in parameters])
-        # A prior that leaves nothing to tell is what the kind holds even so.
+        # A prior that is exact stands for a fixed value of the kind.
         # Part of its prior up to which a standard deviation is the data's doing.
         loose = np.sqrt(np.diag(covariance)) < 0.5 * prior
         parameters = [p for p, is_loose in zip(parameters, loose, strict=True) if is_loose]

@@ -1,4 +1,4 @@
-"""What contradicts an answer: its residuals, its priors, its held-out samples, its own starts.
+"""Contradictions to a result: from residuals, priors, validation samples and starts.
 
 Converged is not true: with enough unknowns and priors a solver explains rows in the wrong order.
 Each check compares two things that agree for honest data, whatever the arm, in units of what is
@@ -46,7 +46,7 @@ SCALE_GAIN: Final = 0.5
 
 @dataclass(frozen=True)
 class Contradiction:
-    """One disagreement.
+    """One contradiction.
 
     Attributes:
         bad: whether the answer must not be used because of it.
@@ -60,7 +60,7 @@ class Contradiction:
 def contradictions(
     solution: Solution, held_out: Sequence[HeldOutErrors]
 ) -> tuple[Contradiction, ...]:
-    """Everything that disagrees with a converged answer, the worst first."""
+    """All contradictions to a converged result, the worst first."""
     residuals = list(_residuals(solution))
     disagreements = [
         *residuals,
@@ -338,7 +338,7 @@ def _priors(solution: Solution) -> Iterator[Contradiction]:
 
 
 def _mounted(far: Sequence[Parameter], terms: Sequence[Term]) -> str:
-    """What a tip far from its nominal place may mean: something on its link was measured."""
+    """A note on a tip far from its nominal place: another point on its link was measured."""
     for term in terms:
         poses, mount = term.poses, term.on_unknown_mount
         if mount is None or not isinstance(poses, ArmPoses):

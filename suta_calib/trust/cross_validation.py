@@ -1,4 +1,4 @@
-"""How well a set of unknowns predicts what it was not fitted to, placement by placement.
+"""Cross-validation of a set of unknowns: errors on left-out placements.
 
 Whole placements are left out, because the postures at one placement resemble each other: what was
 learnt at some of them would seem to hold at the rest (leave-one-group-out; Hastie, Tibshirani,
@@ -25,7 +25,7 @@ from suta_calib.trust.accuracy import BlockErrors, TermAccuracy
 
 @dataclass(frozen=True, eq=False)
 class Fold:
-    """What is fitted, and what is held out.
+    """A split into fitted and left-out samples.
 
     Attributes:
         label: for people.
@@ -76,12 +76,12 @@ class CrossValidation(Displayable):
         return float(np.sqrt(np.mean(np.concatenate([f.lengths for f in self.folds]) ** 2)))
 
     def gain_over(self, other: CrossValidation) -> tuple[float, float]:
-        """How much smaller the loss is, and the standard error of that, paired by fold."""
+        """Reduction of the loss, and its standard error, paired by fold."""
         change = other.losses - self.losses
         return float(change.mean()), float(change.std(ddof=1) / np.sqrt(len(change)))
 
     def outdoes(self, other: CrossValidation, errors: float = 1.0, share: float = 0.02) -> bool:
-        """Whether it predicts what was left out better than another does, in four of five folds.
+        """Whether it predicts left-out samples better than another, in four of five folds.
 
         Args:
             other: on the same folds.

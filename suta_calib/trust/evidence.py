@@ -1,4 +1,4 @@
-"""One statistical test for everything that a fit may lack: the added-variable (score) test.
+"""One statistical test for all errors that a model may lack: the added-variable (score) test.
 
 Let a converged fit have whitened residuals r (m,), the Jacobian J (m, p) of its parameters, robust
 weights W and prior precisions P. An effect that the fit lacks adds columns Z (m, k) times an
@@ -89,7 +89,7 @@ class Stretches(Displayable, Sequence[FloatArray]):
 
 @dataclass(frozen=True, eq=False)
 class Effect(Displayable):
-    """Something that no parameter of the fit describes, such as a base that moved.
+    """An error that no parameter of the fit describes, such as a base that moved.
 
     Attributes:
         name: what it is, unique within its hypothesis, such as a joint's name.
@@ -122,7 +122,7 @@ class Effect(Displayable):
 
 @dataclass(frozen=True, eq=False)
 class Evidence(Displayable):
-    """What the data say of one effect.
+    """The evidence for one effect.
 
     Attributes:
         effect: which.
@@ -200,7 +200,7 @@ class Evidence(Displayable):
         return self.share * max(1.0 - chance / max(self.gain, 1e-300), 0.0)
 
     def supported(self, rule: Rule = Rule()) -> bool:
-        """Whether it is worth a report."""
+        """Whether it is reported."""
         return (
             self.p_value < rule.false_alarm
             and self.share > rule.share

@@ -1,4 +1,4 @@
-"""A converged answer, prepared for questions about what it may lack."""
+"""A converged result, linearised for tests of errors that its model may lack."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ STEP: Final = 1e-6
 
 @dataclass(frozen=True, eq=False)
 class MeasuredRows:
-    """What was measured for an answer on poses, of which outliers were left out.
+    """The measured rows of a result on poses, and which of them are inliers.
 
     Attributes:
         inliers: (n,) rows that were fitted.

@@ -1,4 +1,4 @@
-"""Why the data cannot tell a parameter, in the words of the person who takes the measurements.
+"""Why the data do not determine a parameter, in the words of the person who measures.
 
 Three things are kept apart. *Redundant*: no data of these kinds could tell it, and nothing but a
 convention hangs on it. *Untold*: other data of these kinds, or of others, would tell it. *Badly
@@ -166,7 +166,7 @@ class _Case:
 
 
 def redundant_names(explanations: Iterable[Explanation]) -> tuple[str, ...]:
-    """Names of the held parameters that no data of these kinds could tell."""
+    """Names of the held parameters that no data of these kinds can determine."""
     return tuple(e.fixed for e in explanations if e.reason == "redundant")
 
 
@@ -179,7 +179,7 @@ def as_drawn_names(explanations: Iterable[Explanation]) -> tuple[str, ...]:
 def explain(
     problem: Problem, x: FloatArray, identification: Identification
 ) -> tuple[Explanation, ...]:
-    """A sentence and a remedy for every combination of an identification, made at x (n,).
+    """A sentence and a remedy for every undetermined combination at x (n,).
 
     Each is found by pushing it through the forward kinematics and looking at how the tip moves at
     the samples, with a tolerance for noise.
@@ -270,7 +270,7 @@ def _redundant(rich: RichData, directions: Mapping[str, FloatArray]) -> dict[str
     answer = {}
     for k, column in zip(picked, pure.T, strict=True):
         mine = directions[held[k]]
-        # Noise in it may make up a hundredth of it.
+        # Noise may be a hundredth of it.
         exact = np.linalg.norm(mine - basis @ (basis.T @ mine)) < 0.01 * np.linalg.norm(mine)
         answer[held[k]] = mine if exact else np.where(np.abs(column) > ROUNDING, column, 0.0)
     return answer
@@ -474,7 +474,7 @@ def _spread(problem: Problem, direction: Mapping[str, float], information: Infor
         prior = np.diag(problem.prior_precision()[own_unknowns])
         inverse = np.linalg.pinv(curvature[np.ix_(own_unknowns, own_unknowns)] + prior, 1e-11, True)
         squared -= float(pushed[own_unknowns] @ inverse @ pushed[own_unknowns])
-    # Below rounding of the sum it came from, it says nothing.
+    # Below the rounding of its sum it has no meaning.
     floor = 1e-12 * float(np.abs(d) @ np.abs(curvature) @ np.abs(d))
     return 1.0 / math.sqrt(squared) if squared > floor else math.inf
 

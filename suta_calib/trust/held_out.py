@@ -39,7 +39,7 @@ from suta_calib.units import Unit
 
 # Robust levels beyond which a residual counts no further in the scatter: normal noise has none.
 FARTHEST: Final = 4.0
-# Intervals whose coverage is told.
+# Intervals whose coverage is reported.
 PROBABILITIES: Final = (0.68, 0.95)
 
 

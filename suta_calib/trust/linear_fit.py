@@ -181,7 +181,7 @@ class LinearFit(Displayable):
             lost = self.jacobian[beyond] * np.sqrt(1.0 - weight[beyond])[:, None]
             matrix = everything - lost.T @ lost
             inverse, least, scatter = scaled_inverse(matrix), both, cost
-            # Of what is told, without the priors.
+            # Of the determined directions, without the priors.
             spent = float(np.sum(inverse * matrix)) - float(self.prior @ inverse.diagonal())
             step = -inverse @ ((self.residual * weight) @ self.jacobian + self.prior * self.away)
             residual = self.residual + self.jacobian @ step

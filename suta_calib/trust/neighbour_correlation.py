@@ -179,7 +179,7 @@ class _Rows:
         curvature = freed.information + np.diag(prior)
         scale = np.sqrt(np.maximum(np.diag(curvature), 1e-300))
         values = np.linalg.eigvalsh(curvature / np.outer(scale, scale))
-        # What nothing tells and nobody knows has no volume.
+        # Undetermined directions without a prior do not count.
         volume += float(np.sum(np.log(values[values > 1e-12])))
         volume += 2.0 * float(np.sum(np.log(scale[scale > 1e-9])))
         volume -= float(np.sum(np.log(prior[prior > 0])))

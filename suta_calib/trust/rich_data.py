@@ -267,7 +267,7 @@ class RichData:
         own_unknowns = np.flatnonzero(free[arm:]) + arm
         (reduced,) = schur_complement([np.asarray(curvature)], prior, self._free, own_unknowns)
         size, vectors = np.linalg.eigh(reduced)
-        # What is left where the own unknowns make up for everything is rounding.
+        # If the own unknowns cancel everything, the rest is rounding.
         size[size < NULL * np.diag(curvature)[self._free].max(initial=0.0)] = 0.0
         return problem, np.asarray((vectors * size) @ vectors.T)
 

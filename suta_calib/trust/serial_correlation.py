@@ -34,5 +34,5 @@ def blocks(residuals: FloatArray) -> IntArray:
     # Blocks as long as this many correlation lengths keep most of what neighbours share.
     lengths = 3.0
     size = 1 if length == 1.0 else int(np.ceil(lengths * length))
-    # Blocks that are needed to tell a variance.
+    # Smallest number of blocks from which a variance is estimated.
     return np.arange(n, dtype=np.intp) // max(1, min(size, n // 12))

@@ -85,7 +85,7 @@ def _wrong_in(errors: TermAccuracy, solution: Solution) -> Iterator[WrongLabel]:
     typical = float(np.median(error))
     far = np.flatnonzero(error > FAR * max(typical, 1e-12))
     names = list(term.touched.landmarks)
-    # Of so many wrong rows the fit says nothing.
+    # With so many wrong rows the fit is not reliable.
     if not len(far) or len(far) > 0.3 * len(error) or len(names) > MOST_NAMES:
         return
     tried = np.array([_renamed_errors(term, solution, rows[far], name, far) for name in names])

@@ -337,7 +337,7 @@ def _looks(scene: ArmScene) -> Iterator[tuple[str, Colour, str]]:
     if len(scene.rows):
         yield "●", _SAMPLE, "samples: a click shows the name"
         if scene.rows.outlying.any():
-            yield "●", OUTLYING, "outlying: larger than chance makes it"
+            yield "●", OUTLYING, "outlier: larger than chance explains"
 
 
 def paragraphs(lines: Iterable[str]) -> str:

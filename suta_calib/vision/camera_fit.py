@@ -22,7 +22,7 @@ from suta_calib.measurements.camera import Camera
 from suta_calib.measurements.corners import Corners
 from suta_calib.vision.opencv import opencv
 
-# Corners of a picture from which a pose and more can be told.
+# Corners of a picture from which a pose and more can be determined.
 LEAST_CORNERS: Final = 6
 
 
@@ -269,7 +269,7 @@ def _posed(
         return None
     cv2 = opencv()
     lens = camera.matrix, camera.intrinsics[4:]
-    # Of the two poses that a plane has in a distant picture it tells the better one.
+    # Of the two possible poses of a plane in a distant picture it selects the better one.
     method = cv2.SOLVEPNP_IPPE if _is_plane(points) else cv2.SOLVEPNP_SQPNP
     try:
         count, turns, places, _ = cv2.solvePnPGeneric(points, pixels, *lens, flags=method)

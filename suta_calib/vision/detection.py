@@ -41,7 +41,7 @@ _MOST_TOLD: Final = 3
 
 @dataclass(frozen=True)
 class DetectionOptions(Displayable):
-    """How pictures are searched, and when a word is said.
+    """Options of the search for corners, and thresholds of the notes.
 
     Attributes:
         workers: threads; as many as there are processors by default.
@@ -59,7 +59,7 @@ class DetectionOptions(Displayable):
 
 @dataclass(frozen=True, eq=False)
 class SearchedPicture(Displayable):
-    """What became of one picture.
+    """Result for one picture.
 
     Attributes:
         picture: its file.

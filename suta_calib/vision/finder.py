@@ -1,4 +1,4 @@
-"""What finding a board in a picture is about, whatever the board."""
+"""Common parts of the search for any kind of board in a picture."""
 
 from __future__ import annotations
 
@@ -109,7 +109,7 @@ def transformed(H: FloatArray, points: FloatArray) -> FloatArray:
 
 
 def nothing_seen(grey: Grey, what: str) -> NotSeenError:
-    """Why a board may not be in a picture, to be raised by the caller."""
+    """Error about a picture in which no board was found, to be raised by the caller."""
     dark, light = np.percentile(grey, (0.5, 99.5))
     # Greys of a picture in which there is nothing.
     if light - dark < 10.0:

@@ -243,7 +243,7 @@ def _among(
         candidates = clear[clear != k]
         near = candidates[np.argsort(np.linalg.norm(places[candidates] - place, axis=1))[:8]]
         offsets = places[near] - place
-        # On one line they tell nothing of what is beside it.
+        # Markers on one line determine nothing beside it.
         if len(near) <= _NEAREST or np.linalg.matrix_rank(offsets - offsets.mean(axis=0), 0.1) < 2:
             continue
         # From where a plane has them, in ways to the next one.

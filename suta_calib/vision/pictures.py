@@ -1,4 +1,4 @@
-"""Files of pictures: which there are, and what is in them."""
+"""Finds and reads files of pictures."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from suta_calib.inputs import read_input
 from suta_calib.vision.opencv import MOST_PIXELS, opencv
 
 Grey = NDArray[np.uint8]
-# Of a folder only these are taken; a file that is named is tried, whatever it is called.
+# Only these are read from a folder; a file that is named is read with any suffix.
 SUFFIXES: Final = frozenset(
     {*(".png", ".jpg", ".jpeg", ".bmp", ".dib", ".tif", ".tiff", ".webp", ".jp2")}
     | {*(".pbm", ".pgm", ".ppm", ".pnm", ".sr", ".ras")}

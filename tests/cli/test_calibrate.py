@@ -363,7 +363,7 @@ def test_an_answer_that_must_not_be_used_is_refused_when_it_is_read_back(job: Pa
     assert files_below(folder) == RESULTS - {"calibrated.urdf"} | {"not_usable.urdf"}
     assert json.loads(result.read_text())["verdict"] == verdict
     said = refused("validate", urdf, job, "--result", result)
-    assert f"{result}: verdict: found an answer that must not be used" in said
+    assert f"{result}: verdict: found a result that must not be used" in said
     assert "worse than the nominal arm on the validation data" in said
     assert (
         answer("validate", urdf, job, "--result", result, "--anyway")["verdict"]["level"] == "care"

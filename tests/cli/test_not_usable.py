@@ -28,7 +28,7 @@ def test_nothing_is_built_on_it_but_by_will(
 ) -> None:
     command, *options = asked
     said = refused(command, job, *options, "--out", tmp_path / "out")
-    assert f"{job}: found an answer that must not be used" in said
+    assert f"{job}: found a result that must not be used" in said
     assert WHY in said
     assert "--anyway" in said
     assert not (tmp_path / "out").exists()

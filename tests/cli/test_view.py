@@ -118,7 +118,7 @@ def test_what_must_not_be_used_is_shown_as_such_and_is_not_read_back(
     assert cli("calibrate", job, "--json") == 1
     capsys.readouterr()
     result = job.parent / "results" / "result.json"
-    assert "found an answer that must not be used" in refused("view", result, "--html", page)
+    assert "found a result that must not be used" in refused("view", result, "--html", page)
     assert not page.exists()
     assert cli("view", result, "--html", page, "--anyway") == 1
     assert "Do not use" in page.read_text(encoding="utf-8")

@@ -245,7 +245,7 @@ def test_a_user_without_a_home(scene: Path, tmp_path: Path) -> None:
 
 @pytest.fixture(scope="module")
 def in_mm(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Points in mm where metres are expected: an answer that must not be used."""
+    """Points in mm where metres are expected: a result that must not be used."""
     folder = tmp_path_factory.mktemp("in_mm")
     for name, points in zip(("a.csv", "b.csv"), point_numbers(12), strict=True):
         write_csv(folder / name, XYZ, 1e3 * points)

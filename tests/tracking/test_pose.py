@@ -164,7 +164,7 @@ def test_sources_of_uncertainty_in_order_of_worth(scene: Calibrated, tmp_path: P
         ({"status": "not_converged"}, "status: found 'not_converged'"),
         (
             {"verdict": {"level": "bad", "usable": False, "sentence": "", "notes": ["Worse."]}},
-            r"result\.json: verdict: found an answer that must not be used \(Worse\)",
+            r"result\.json: verdict: found a result that must not be used \(Worse\)",
         ),
         ({"parameters": None}, "no table of parameters"),
         (
@@ -198,7 +198,7 @@ def test_the_nominal_urdf_is_not_what_was_calibrated(scene: Calibrated):
         ('{"tip_mm": [1, 2]}', "tip_mm: found .1, 2.; expected 3 finite numbers"),
         (
             '{"tip_mm": [1, 2, 3], "verdict": {"usable": false, "sentence": "all on a line"}}',
-            r"an answer that must not be used \(all on a line\)",
+            r"a result that must not be used \(all on a line\)",
         ),
         ('{"tip": [1, 2, 3]}', "only the keys tip"),
         ('{"tip_mm": [1, 2, "x"]}', "3 finite numbers"),

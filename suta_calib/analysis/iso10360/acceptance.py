@@ -1,4 +1,4 @@
-"""The acceptance test: every error against its limit, and what was simplified.
+"""The acceptance test: every error is compared with its limit; simplifications are named.
 
 Symbols are those of ISO 10360-12:2016: E_Uni and E_Bi, the errors of a length probed from one side
 or from both; L_Dia.5x5:Art, the location error from five articulations of five touches; P_Size and
@@ -97,7 +97,7 @@ class AcceptanceMeasurements(Displayable):
 
 @dataclass(frozen=True)
 class Characteristic(Displayable):
-    """One figure of the test: the worst of those that were measured.
+    """One characteristic of the test: the largest measured error.
 
     Attributes:
         symbol: of the standard, or in plain words.
@@ -148,7 +148,7 @@ class Characteristic(Displayable):
 
 @dataclass(frozen=True, eq=False)
 class AcceptanceTest(Displayable):
-    """What was found.
+    """Result of an acceptance test.
 
     Attributes:
         measured: errors one by one.
@@ -177,7 +177,7 @@ class AcceptanceTest(Displayable):
     @property
     @judged
     def assessment(self) -> Assessment:
-        """Passed, failed, or neither proved."""
+        """Passed, failed, or undecided."""
         sentence = "No limits given: figures only, no pass or fail"
         judged = [figure for figure in self.characteristics if figure.limit is not None]
         if judged:
@@ -209,7 +209,7 @@ class AcceptanceTest(Displayable):
 
     @property
     def simplified(self) -> tuple[str, ...]:
-        """Where the procedure is not the standard's, a sentence each."""
+        """Differences between this procedure and the standard's, one sentence each."""
         m = self.measured
         sentences = [
             f"{figure.symbol}: {figure.missing}."
@@ -237,7 +237,7 @@ class AcceptanceTest(Displayable):
 
 @checked
 def acceptance_test(job: AcceptanceJob) -> AcceptanceTest:
-    """Measure and judge what a job names.
+    """Do the acceptance test that a job describes.
 
     Args:
         job: read by `AcceptanceJob.load`.
@@ -255,7 +255,7 @@ def accept(
     uncertainty: StatedUncertainty = NOTHING_STATED,
     rule: DecisionRule = GUARDED,
 ) -> AcceptanceTest:
-    """Judge what was measured."""
+    """Compare measured errors with their limits."""
     m, u, characteristics = measured, uncertainty, []
     if m.lengths is not None:
         characteristics.append(_worst_length(m.lengths, m.bidirectional, limits, u, rule))

@@ -1,4 +1,4 @@
-"""What an acceptance test measures: lengths, one place found again and again, spheres."""
+"""Measurements of an acceptance test: lengths, one point visited repeatedly, spheres."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Which model of the arm predicts data it was not fitted to: what is worth estimating."""
+"""Chooses the model of the arm that predicts left-out data best."""
 
 from suta_calib.analysis.model_selection.selection import ModelSelection, choose_model
 from suta_calib.trust.cross_validation import CrossValidation, ModelCandidate

@@ -1,4 +1,4 @@
-"""Which errors beside geometry an arm should be given: those that predict what was not fitted.
+"""Chooses errors beside the geometry to estimate: those that improve left-out predictions.
 
 More unknowns always fit better; they are worth having if placements that were left out are
 predicted better (`cross_validation`). A model outdoes another if its held-out error is smaller by
@@ -73,7 +73,7 @@ BOUNDS: Final[dict[Unit, str]] = {
 
 @dataclass(frozen=True, eq=False)
 class ModelSelection(Displayable):
-    """What was tried, and what is worth having.
+    """The models that were tried, and the chosen one.
 
     Attributes:
         tried: in the order they were tried; the first is the job's own model.
@@ -108,7 +108,7 @@ class ModelSelection(Displayable):
 
     @property
     def added(self) -> tuple[str, ...]:
-        """The parameters beside geometry that are worth having, beyond what the job has."""
+        """Parameters beside the geometry that the chosen model has and the job does not."""
         return tuple(n for n in self.chosen.added if n not in self.job.added)
 
     @property
@@ -129,7 +129,7 @@ class ModelSelection(Displayable):
     @property
     @judged
     def assessment(self) -> Assessment:
-        """Whether anything should be added to the job, and what must be known."""
+        """Whether to add anything to the job, with notes."""
         before, after = (
             text(candidate.held_out.rms, self.unit, with_unit=True)
             for candidate in (self.job, self.chosen)
@@ -202,7 +202,7 @@ def choose_model(
     seed: int = 0,
     progress: Progress | None = None,
 ) -> ModelSelection:
-    """Search for errors beside geometry that predict left-out placements better.
+    """Search for errors beside the geometry that improve the prediction of left-out placements.
 
     Args:
         terms: the observations, validation data not among them.
@@ -281,7 +281,7 @@ class _Search:
     tried: dict[str, ModelCandidate] = field(default_factory=dict)  # by the name of the model
     # Of what was fitted as such, likewise.
     solutions: dict[str, Solution] = field(default_factory=dict)
-    # Names that seemed worth having and that a fit could not tell.
+    # Names that seemed useful but that a fit could not determine.
     untold: set[str] = field(default_factory=set)
     _linearised: dict[bool, LinearModels] = field(default_factory=dict)
     _noise: tuple[float, ...] = ()

@@ -1,4 +1,4 @@
-"""Which landmark, placement, set, point or row does not agree with the rest."""
+"""Finds the landmark, placement, set, point or row that disagrees with the rest."""
 
 import lazy_loader
 

@@ -1,4 +1,4 @@
-"""What the metrics would be if nothing but noise were the matter.
+"""Distribution of the metrics if there is only noise.
 
 The same touches are simulated with the noise that was found (common to a cluster, and of each),
 fitted by the same equations to first order, and measured in the same way. From the largest value

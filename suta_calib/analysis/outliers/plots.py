@@ -21,7 +21,7 @@ from suta_calib.plotting.look import BEHIND, BLUE, GREY, ORANGE
 from suta_calib.plotting.style import legend_above, shades, thinned
 from suta_calib.units import Unit, mm, shown, unit_name
 
-# Areas of marks tell values: the least and the largest mark, points across.
+# The area of a mark shows the value: diameters of the smallest and the largest mark, points.
 SMALLEST, LARGEST = 5.5, 20.5
 
 

@@ -1,4 +1,4 @@
-"""What the search for outliers found, and how far to trust it."""
+"""Result of the search for outliers, with its verdict."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ WORDS: Final = {
 
 @dataclass(frozen=True)
 class Thresholds:
-    """From which value on a metric is conspicuous.
+    """Thresholds of the metrics.
 
     Attributes:
         contribution: share of the squared errors, in multiples of 1/n for n groups.
@@ -80,7 +80,7 @@ class Thresholds:
 
 @dataclass(frozen=True, eq=False)
 class Displacement(Displayable):
-    """How far a landmark lies from where it is certified, in the artefact's frame.
+    """Difference between the touched and the certified position of a landmark, in the artefact.
 
     Attributes:
         vector: (3,) touched minus certified position, m.
@@ -134,12 +134,12 @@ class Level(Displayable):
 
     @property
     def outliers(self) -> tuple[Group, ...]:
-        """Those that enough metrics name."""
+        """Groups that enough metrics mark."""
         return tuple(g for g in self.groups if g.outlier)
 
     @property
     def suspects(self) -> tuple[Group, ...]:
-        """Those that some metric names."""
+        """Groups that at least one metric marks."""
         return tuple(g for g in self.groups if g.suspect)
 
 
@@ -160,7 +160,7 @@ class GrossTouch:
 
 @dataclass(frozen=True)
 class Move:
-    """Rows, from one on, that agree with the others once something stands elsewhere.
+    """Rows, from one on, that agree with the others if something is at another place.
 
     Attributes:
         what: was moved: an instrument, a camera, a placement, a point.
@@ -179,7 +179,7 @@ class Move:
 
 @dataclass(frozen=True)
 class HeldOut:
-    """What excluding a group does to errors on data that were not fitted.
+    """Effect of excluding a group on the validation errors.
 
     Attributes:
         before, after: RMS, m, over the same held-out rows: all but those of the group itself.
@@ -254,7 +254,7 @@ class TermOutliers(Displayable):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Outliers(Displayable):
-    """The whole answer.
+    """Result of the search for outliers in all observations.
 
     Attributes:
         solution: the job's own fit.

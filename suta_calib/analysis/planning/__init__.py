@@ -1,4 +1,4 @@
-"""Where to measure next: which placements, points or poses shrink the uncertainty most."""
+"""Plans measurements: the placements, points or poses that reduce the uncertainty most."""
 
 import lazy_loader
 

@@ -1,4 +1,4 @@
-"""What could be measured next: places in the base frame, and the touches they stand for.
+"""Candidates for the next measurement: places in the base frame, and their touches.
 
 A user lists the places that would do in ``candidates.yaml``; else they are searched (`region`).
 """
@@ -185,7 +185,7 @@ class Candidate(Displayable):
 
     @property
     def sort(self) -> str:
-        """What sort of candidate it is, for people."""
+        """Kind of the candidate, for messages."""
         if isinstance(self.place, Placement):
             return f"placement, {'flat' if self.place.tilt < from_deg(1.0) else 'tilted'}"
         if isinstance(self.place, TouchPoint):
@@ -195,7 +195,7 @@ class Candidate(Displayable):
 
 @dataclass(frozen=True)
 class Unreachable:
-    """A place that is no candidate, and why."""
+    """A place that cannot be a candidate, with the reason."""
 
     name: str
     kind: str
@@ -204,7 +204,7 @@ class Unreachable:
 
 @dataclass(frozen=True, eq=False)
 class CandidateFile(Displayable):
-    """What the file says, grids written out; ``repeats`` of a placement's landmarks, or None."""
+    """The candidates file, grids expanded; ``repeats`` of a placement's landmarks, or None."""
 
     path: Path
     places: tuple[Place, ...]

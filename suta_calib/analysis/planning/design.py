@@ -1,4 +1,4 @@
-"""What each candidate would tell about the arm, and the subset that leaves the least uncertainty.
+"""Information of each candidate on the arm, and the subset with the least uncertainty.
 
 Every candidate has its own unknowns (where the point is, where the artefact stands); they follow
 the arm and are eliminated (Schur complement), with the solver's own formulas for curvature,
@@ -142,14 +142,14 @@ def no_information(space: SharedUnknowns) -> SharedInformation:
 
 
 def present_information(situation: Situation, space: SharedUnknowns) -> SharedInformation:
-    """What the data at hand tell."""
+    """Information of the present data."""
     return _shared_information(situation.problem, situation.x, situation.sigmas, space)
 
 
 def candidate_information(
     situation: Situation, space: SharedUnknowns, candidate: Candidate
 ) -> SharedInformation:
-    """What a candidate would tell, all its repeats together."""
+    """Information of a candidate with all its repeats."""
     term, arm = situation.term(candidate), situation.problem.arm_parameters
     problem = Problem([term], arm)
     values = {p.name: p.nominal for p in arm.values()} | situation.values
@@ -190,7 +190,7 @@ def _shared_information(
 
 @dataclass(frozen=True, eq=False)
 class Design(Displayable):
-    """Candidates to choose from, and what a choice is worth.
+    """Candidates, and the criterion for a choice among them.
 
     Matrices are kept in coordinates in which everything is uncorrelated and of variance one before
     any data, without the directions that nothing here tells anything about.

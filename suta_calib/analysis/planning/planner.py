@@ -1,4 +1,4 @@
-"""Where to measure next, what it would bring, and when to stop."""
+"""Chooses what to measure next, predicts the result, and says when to stop."""
 
 from __future__ import annotations
 
@@ -233,7 +233,7 @@ def _stop(design: Design, now: SharedInformation, options: PlanOptions) -> Stop:
 
 
 def forecast(space: SharedUnknowns, information: SharedInformation, tip: Sensitivity) -> Forecast:
-    """Predict what such information would give.
+    """Predict the standard deviations that such information gives.
 
     Args:
         space: the unknowns.

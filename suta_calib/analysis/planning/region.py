@@ -1,4 +1,4 @@
-"""Where the tip shall be sure: a box and a cone of directions; and places to try there."""
+"""The region in which the tip must be accurate: a box and a cone; and places to try there."""
 
 from __future__ import annotations
 

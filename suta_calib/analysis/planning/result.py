@@ -1,4 +1,4 @@
-"""The plan as data: what was asked for, what was chosen, what it brings, how far to trust it."""
+"""The plan: its options, the chosen measurements, the predicted result, and the verdict."""
 
 from __future__ import annotations
 
@@ -185,7 +185,7 @@ class Plan(Displayable):
 
     @property
     def in_a_line(self) -> str:
-        """What it brings."""
+        """The predicted improvement, as a sentence."""
         return self.assessment.sentence
 
     def plot(self, figure: Any = None) -> Any:
@@ -217,7 +217,7 @@ class Plan(Displayable):
     @property
     @judged
     def assessment(self) -> Assessment:
-        """What the plan brings, and what must be known to believe it."""
+        """The predicted improvement, with notes."""
         names = ", ".join(choice.candidate.name for choice in self.chosen)
         sentence = (
             f"With {names}, the uncertainty of the tip changes from {text(self.before.tip, 'm')} "

@@ -171,7 +171,7 @@ class Stationary(Displayable):
     @property
     @judged
     def assessment(self) -> Assessment:
-        """Whether the arm was at rest, and what the encoders do meanwhile."""
+        """Whether the arm was at rest, with notes on the encoders."""
         worst = max(self.joints, key=lambda joint: joint.std_detrended)
         sentence = (
             f"{len(self.stream.time)} readings in {self.seconds:.1f} s at "
@@ -216,7 +216,7 @@ class Stationary(Displayable):
 def stationary(
     stream: Stream, units: Sequence[Unit] | None = None, levers: FloatArray | None = None
 ) -> Stationary:
-    """Look at every joint of a stationary stream.
+    """Analyse every joint of a stationary stream.
 
     Args:
         stream: the readings.
@@ -242,7 +242,7 @@ def _joint(
     off = readings - (median_angle(readings) if unit == "rad" else np.median(readings))
     off = np.angle(np.exp(1j * off)) if unit == "rad" else off
     size = np.abs(off - np.median(off))
-    # Where most readings are one and the same, the median deviation is zero and says nothing.
+    # If most readings are equal, the median deviation is zero and cannot be used.
     scale = max(normal * float(np.median(size)), float(np.quantile(size, 0.99)) / 3)
     inliers = size <= gross * scale + 1e-12
     mean, away = deviations(readings[inliers], unit)

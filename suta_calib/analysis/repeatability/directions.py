@@ -1,4 +1,4 @@
-"""Directional force: what the readings do when the seated tip is pushed this way and that.
+"""Directional force: changes of the readings when the seated tip is pushed in directions.
 
 The seat holds the tip, so the true angles stay what they were but for the seat's own clearance; a
 joint with play, or one that yields before its encoder sees it, reads something else for every
@@ -124,7 +124,7 @@ def _step(
     _, alone = _explained(groups, values, drawn[:500], ())
     # What noise exceeds in the other share of permutations.
     chance, first = (np.quantile(np.ptp(draws, axis=1), 0.95, axis=0) for draws in (wide, alone))
-    # An effect that is equal but for rounding is no smaller one.
+    # An effect that differs by rounding alone counts as equal.
     above = by_chance.max(axis=1)[:, None] >= taken * (1 - 1e-9)
     return (
         taken,
@@ -178,7 +178,7 @@ def _inverse(covariance: FloatArray) -> FloatArray:
 
 @dataclass(frozen=True)
 class JointPush(Displayable):
-    """What the direction of the push does to one joint, rad (m for a prismatic joint).
+    """Effect of the direction of the push on one joint, rad (m for a prismatic joint).
 
     Attributes:
         joint: its name.

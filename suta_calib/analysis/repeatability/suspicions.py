@@ -110,7 +110,7 @@ def misread(arm: ArmModel, samples: Samples, position: FloatArray) -> str | None
         q = change(samples).q
         tip, moved = _scatter(arm.forward(q)[1]), _ways(arm, q)
         unrelated = max(float(np.linalg.norm(moved)), still)
-        # By how much levers are shorter in other postures says nothing.
+        # How much shorter levers are in other postures does not matter.
         undone = tip / unrelated * far_better < as_read[0] / as_read[1]
         if undone and tip * far_better < moved[WAYS - 1]:
             explanations.append((tip, sentence))

@@ -193,7 +193,7 @@ class Repeatability(Displayable):
             )
         # Coarse encoders may all read the same again, but hardly ever twice in a row.
         same = int(np.sum(np.all(q[1:] == q[:-1], axis=1)))
-        # Share of visits that read as the one before, from which on somebody should ask.
+        # Share of visits that read as the one before, from which it is reported.
         if same >= 0.1 * len(q):
             notes.append(
                 f"{same} of {len(q)} visits have exactly the readings of the visit before. Check "
@@ -238,7 +238,7 @@ class Repeatability(Displayable):
         notes = [joint.sentence for joint in self.stuck]
         if self.correlation > 1.0:
             notes.append(
-                f"Successive visits are correlated (they are worth {1 / self.correlation:.0%} of "
+                f"Successive visits are correlated (they count as {1 / self.correlation:.0%} of "
                 "their number): the arm drifts or warms up, and every interval here is too "
                 "narrow."
             )

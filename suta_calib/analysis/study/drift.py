@@ -29,7 +29,7 @@ from suta_calib.threads import single_threaded
 from suta_calib.trust.accuracy import block_residuals, fit_own
 from suta_calib.units import mm, text
 
-# Share of trials on either side of the interval that is told.
+# Share of trials on either side of the reported interval.
 _OUTSIDE: Final = 0.05
 
 

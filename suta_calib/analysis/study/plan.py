@@ -316,7 +316,7 @@ def _sizes(
 ) -> tuple[tuple[int, ...], tuple[int, ...]]:
     """Sizes to study, and those asked for that cannot be; all sets where others are held out."""
     largest = len(sets) if all_sets else len(sets) - 1
-    # An error over one or two held-out sets tells little of the arm.
+    # The error over one or two validation sets is not representative of the arm.
     # Of the sets, where those not drawn are what is held out, unless the user asks for more.
     judgeable = largest if all_sets else max(1, int(0.8 * len(sets)))
     if asked is not None:

@@ -94,7 +94,7 @@ def _beside_others(
             running.add(executor.submit(_run, key, place, batch))
 
     with _interrupts_withheld():
-        # Seconds after which a worker that nobody needs any more ends.
+        # Seconds after which an unused worker ends.
         executor = get_reusable_executor(
             workers - 1, timeout=300, initializer=_prepare, env=ONE_THREAD
         )

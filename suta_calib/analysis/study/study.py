@@ -125,7 +125,7 @@ class SizeStudy(Displayable):
     @judged
     def assessment(self) -> Assessment:
         """Whether the recommendation may be relied on."""
-        # Reasons that a reader is told; the rest are counted.
+        # Reasons that are listed; the rest are counted.
         most_reasons = 3
         if not self.solved:
             # Why trials have no result, the most frequent first.

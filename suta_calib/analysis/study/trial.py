@@ -268,7 +268,7 @@ def run_trial(data: StudyData, size: int, number: int) -> Trial:
     """One trial; what cannot be solved says why."""
     try:
         terms, held_out = _drawn(data, size, number)
-        # Where only held-out errors count, nobody asks how sure the values are.
+        # If only validation errors count, the covariance is not needed.
         solution = solve(
             Problem(terms, data.parameters), data.options, spread=data.reference is not None
         )

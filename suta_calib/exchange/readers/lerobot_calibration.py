@@ -83,7 +83,7 @@ class LerobotCalibrationReader(Reader):
             remarks.append(f"The port is {device['port']}; choose another with --port.")
         if BUS not in given and bus != LINES:
             remarks.append(
-                f"The servos are taken for {bus}. If they are others, say so with {BUS.switch}."
+                f"The servos are assumed to be {bus}. If not, state their type with {BUS.switch}."
             )
         if turned := [name for name, motor in motors.items() if motor["drive_mode"]]:
             remarks.append(

@@ -81,7 +81,7 @@ class LerobotDatasetReader(Reader):
         between = 1e4
         for file in files:
             note_input(file)
-            # A link must not lead out of the dataset to who knows what.
+            # A link must not lead out of the dataset.
             if not file.resolve().is_relative_to(path.resolve()):
                 raise ForeignFileError("a link to a place outside the folder", "a file", file=file)
             try:

@@ -32,7 +32,7 @@ _COUPLED: Final = (
 )
 # MuJoCo's mjtJoint.
 _FREE, _BALL, _SLIDE, _HINGE = range(4)
-# URDF asks for limits of a slide, m.
+# URDF requires limits of a slide, m.
 _FAR: Final = 10.0
 # Characters of a name, and of what MuJoCo says, that a message shows.
 _LONGEST, _LONGEST_REASON = 80, 200

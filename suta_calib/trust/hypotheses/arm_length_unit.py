@@ -1,4 +1,4 @@
-"""A length of the arm that stands in the URDF in another unit."""
+"""A length of the arm that is in another unit in the URDF."""
 
 from collections.abc import Iterator
 from contextlib import suppress

@@ -1,4 +1,4 @@
-"""A tip that gives way the farther its tool tilts: a shaft that bends, a ball that rolls."""
+"""A tip that moves when its tool tilts: a shaft that bends, a ball that rolls."""
 
 from collections.abc import Iterator
 from typing import Final
@@ -47,7 +47,7 @@ class BentTip(AddedVariable):
             yield Effect(name, columns, about=farthest)
 
     def sentence(self, evidence: Evidence) -> str:
-        """How far the tip gives way at the largest tilt, and what may do it."""
+        """Motion of the tip at the largest tilt, and possible causes."""
         tilt = evidence.effect.about
         size, std = displacement(evidence)
         way = {EVENLY: "the same to all sides", TO_ONE_SIDE: "more to one side"}

@@ -1,4 +1,4 @@
-"""A joint's readings that end somewhere, though the joint moves on."""
+"""Readings of a joint that stop at a value while the joint moves on."""
 
 from collections.abc import Iterator, Sequence
 from typing import Any
@@ -27,7 +27,7 @@ class ClippedColumn(Pattern):
         for joint, readings in zip(np.compress(moving, arm.joints), q[:, moving].T, strict=True):
             for end, which in ((readings.max(), "above"), (readings.min(), "below")):
                 times = int(np.sum(readings == end))
-                # Share of the rows that stand at a column's end from which on that is worth a word.
+                # Share of the rows at a column's end, from which it is reported.
                 if times >= max(ENOUGH_ROWS, 0.1 * len(readings)):
                     where = text(float(end), arm.units[joint], with_unit=True)
                     yield (

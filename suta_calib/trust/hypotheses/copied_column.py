@@ -13,7 +13,7 @@ from suta_calib.trust.simulated_faults import arm_of, with_columns
 
 
 class CopiedColumn(Pattern):
-    """``|q_a - q_b|`` is as good as nothing in all rows, though both joints move."""
+    """``|q_a - q_b|`` is nearly zero in all rows, though both joints move."""
 
     name = "copied column"
     about = "One joint's column was copied over another's."

@@ -1,4 +1,4 @@
-"""Rows that stand in two files, or again in one after the arm has moved, to the last digit."""
+"""Rows that are repeated to the last digit, in two files or in one file after the arm moved."""
 
 from collections import Counter
 from collections.abc import Iterator, Sequence

@@ -12,7 +12,7 @@ from suta_calib.trust.simulated_faults import arm_of, middle_joint_changed
 
 
 class DeadJoint(Pattern):
-    """``max q_j - min q_j`` is as good as nothing, and two joints move ten times more."""
+    """``max q_j - min q_j`` is nearly zero, and two joints move ten times more."""
 
     name = "dead joint"
     about = "A joint reads the same in every row."

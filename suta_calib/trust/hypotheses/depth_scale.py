@@ -1,4 +1,4 @@
-"""An eye that sees all targets too far, or too near, by a share of their distance."""
+"""A camera that sees all targets too far or too near, by a constant factor."""
 
 from collections.abc import Iterator
 from typing import Any
@@ -53,7 +53,7 @@ class DepthScale(AddedVariable):
         return weigh_effects(answer.plain_fit, self.effects(answer))
 
     def sentence(self, evidence: Evidence) -> str:
-        """By what share, and what to do."""
+        """The factor, and what to do."""
         share, std = float(evidence.size[0]), float(evidence.std[0])
         return (
             f"The camera or tracker seems to see the target {abs(share):.2%} ± {std:.2%} too "

@@ -24,7 +24,7 @@ class EncoderDrift(EncoderInTime):
         return so_far(problem)
 
     def statement(self, change: ChangeInTime) -> str:
-        """By how much until the last row."""
+        """The drift up to the last row."""
         return (
             f"The zero of {change.joint} drifted by {change.amount} while the rows were measured. "
             "Let the arm warm up and measure again, and check whether the encoder is loose."

@@ -28,7 +28,7 @@ class EncoderTravel(EncoderInTime):
         return (q - q.mean(),)
 
     def statement(self, change: ChangeInTime) -> str:
-        """By which part of its travel."""
+        """The error as a part of the travel."""
         return (
             f"{change.joint} reads {100 * change.size:+.3f} ± {100 * change.std:.3f} % of its "
             "travel too much. Does its encoder lose or double counts, or is a gear ratio wrong?"

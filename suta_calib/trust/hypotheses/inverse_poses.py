@@ -1,4 +1,4 @@
-"""Measured poses that map the other way."""
+"""Measured poses that are inverted."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace

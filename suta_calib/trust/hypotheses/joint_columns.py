@@ -1,4 +1,4 @@
-"""Joint readings that stand in the columns of other joints."""
+"""Joint readings that are in the columns of other joints."""
 
 from collections.abc import Iterator, Sequence
 from functools import partial
@@ -35,7 +35,7 @@ def orders(names: Sequence[str]) -> Iterator[tuple[str, tuple[int, ...]]]:
         description = f"the joints' columns are each under the name of the {neighbour} joint"
         ways.append((description, [*rows[step:], *rows[:step]]))
     ways.append(("the joints' columns are in the opposite order", rows[::-1]))
-    # As ROS lists joint states, whatever the order along the arm.
+    # As ROS lists joint states, independent of the order along the arm.
     by_name = sorted(rows, key=lambda row: names[row])
     description = "the joints' readings are in the alphabetical order of the joints' names"
     ways.append((description, by_name))

@@ -1,4 +1,4 @@
-"""A joint's own error beside geometry: what the families of `model.parameters` describe."""
+"""An error of a joint beside geometry: one of the families of `model.parameters`."""
 
 from collections.abc import Iterator
 from typing import Any

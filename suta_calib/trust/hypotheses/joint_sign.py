@@ -1,4 +1,4 @@
-"""A joint that counts the other way."""
+"""A joint that counts in the wrong direction."""
 
 from collections.abc import Iterator
 from functools import partial

@@ -1,4 +1,4 @@
-"""A joint whose zero is a quarter or half of a turn elsewhere."""
+"""A joint whose zero is wrong by a quarter or half of a turn."""
 
 from collections.abc import Iterator
 from dataclasses import replace

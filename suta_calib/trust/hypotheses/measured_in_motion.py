@@ -45,7 +45,7 @@ class LateRows(AddedVariable):
             yield Effect(f"term {k + 1}", columns, np.array([1.0]), about=kind)
 
     def sentence(self, evidence: Evidence) -> str:
-        """Who is late, by what part of a row."""
+        """The late part, and its delay in parts of a row."""
         late, std = float(evidence.size[0]), float(evidence.std[0])
         who = "readings were taken before" if late > 0 else "readings were taken after"
         return (

@@ -1,4 +1,4 @@
-"""Observations that are misread as their kind says: pixels counted upwards, a board half-turned."""
+"""Observations that are misread, such as pixels counted upwards or a board turned by 180°."""
 
 from collections.abc import Iterator
 
@@ -11,7 +11,7 @@ from suta_calib.trust import Reinterpretation, SpoiltData, Truth
 
 
 class MisreadObservations(Reinterpretation):
-    """What `Term.misread` of a kind yields, in all terms of this kind at once."""
+    """The data as `Term.misread` of a kind returns them, in all terms of this kind at once."""
 
     name = "misread observations"
     about = "Pixels are counted in another way than expected, or pictures are mirrored."

@@ -66,7 +66,7 @@ class MovedPart:
 
 
 class Moved(AddedVariable):
-    """An unknown frame or point is elsewhere from a row on, or moves in proportion to the row.
+    """An unknown frame or point is at another place from a row on, or drifts with the row number.
 
     Its columns are those of the unknown, in windows: 0 before a row and 1 from there on, or from 0
     to 1. The size is a displacement, m, and a turn, rad, if it has one. As the change makes the
@@ -129,7 +129,7 @@ class Moved(AddedVariable):
         assert window is not None
         white = np.split(weighed.settled + best.explained(weighed), ends)
         count = len(effect.about.numbers)
-        # Neighbours that err alike are fewer than they are, and seem to change somewhere.
+        # Neighbours with a common error count less, and seem to change somewhere.
         length = correlation_length(np.hstack([r.reshape(count, -1) for r in white]))
         about = replace(effect.about, correlated=length > 1.0 or count < 60)
         tried = sum(len(each.windows or ()) for each in effects)
@@ -148,7 +148,7 @@ class Moved(AddedVariable):
         ]
 
     def supported(self, evidence: Evidence, rule: Rule = Rule()) -> bool:
-        """Whether it is worth a report: see `SHARE_IF_CORRELATED`."""
+        """Whether it is reported: see `SHARE_IF_CORRELATED`."""
         change, several = evidence.effect.about, min(rule.times_std, self.times_std)
         return (
             evidence.p_value < rule.false_alarm

@@ -22,7 +22,7 @@ Parts = Callable[[Samples, NDArray[np.str_] | None], NDArray[np.str_]]
 
 
 class MovedBetween(Reinterpretation):
-    """What is external stands elsewhere in the second half of its rows, or in each file."""
+    """External things are at another place in the second half of their rows, or in each file."""
 
     name = "moved between"
     about = "The instrument, the artefact or a point was moved after half of the rows."

@@ -1,4 +1,4 @@
-"""Rows whose observation stands some rows too late or too early."""
+"""Rows whose observation is some rows too late or too early."""
 
 from collections.abc import Iterator, Sequence
 from functools import partial

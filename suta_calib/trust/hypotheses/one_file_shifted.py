@@ -1,4 +1,4 @@
-"""One of several files whose observations stand one row too late or too early."""
+"""One of several files whose observations are one row too late or too early."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace

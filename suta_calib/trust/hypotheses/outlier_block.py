@@ -1,4 +1,4 @@
-"""Outliers that follow one another at the beginning or at the end: something was moved there."""
+"""Consecutive outliers at the beginning or at the end: something was moved there."""
 
 from typing import Any, Final
 
@@ -48,7 +48,7 @@ class OutlierBlock(Hypothesis):
         return []
 
     def supported(self, evidence: Evidence, rule: Rule = Rule()) -> bool:
-        """Whether it is worth a report: counting has decided, sound data have no outliers."""
+        """Whether it is reported: by counting only, because sound data have no outliers."""
         return True
 
     def sentence(self, evidence: Evidence) -> str:

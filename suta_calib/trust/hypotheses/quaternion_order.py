@@ -1,4 +1,4 @@
-"""Quaternions whose numbers stand in another order."""
+"""Quaternions whose numbers are in another order."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace

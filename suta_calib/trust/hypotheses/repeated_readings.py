@@ -1,4 +1,4 @@
-"""Rows whose joints all read, to the last digit, as in others that were elsewhere."""
+"""Rows in which all joints read as in another row, to the last digit, at another posture."""
 
 from collections.abc import Iterator, Sequence
 from typing import Any

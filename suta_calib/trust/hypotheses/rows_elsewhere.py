@@ -1,4 +1,4 @@
-"""Rows that saw another target, or saw it from another place: one displacement, in part of them."""
+"""Rows of another target, or seen from another place: the same displacement in some rows."""
 
 import math
 from collections.abc import Iterator

@@ -1,4 +1,4 @@
-"""Observations that stand in the opposite order of the readings."""
+"""Observations that are in the opposite order of the readings."""
 
 from collections.abc import Iterator, Sequence
 

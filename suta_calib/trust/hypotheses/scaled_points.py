@@ -56,7 +56,7 @@ class PointSets:
         return float(rms_length(self.residual + change))
 
     def level(self, size: float, change: FloatArray, left: float) -> Level:
-        """What a deformation that is no chance is worth: ``good`` where it is not worth a word.
+        """Verdict on a significant deformation: ``good`` if it is too small to be reported.
 
         ``bad`` where it explains most of the residuals and is more than temperature makes. Its size
         is a ratio; it displaces the points by ``change`` (n, 3) and leaves an RMS, m.
@@ -91,7 +91,7 @@ class ScaledPoints(AddedVariable):
     applies_to = (TrackedPoint,)
     needs_arm = False
     by_itself = True
-    # One number. `PointSets.level` says from which size on it is worth a word.
+    # One number. `PointSets.level` has the size from which it is reported.
     worth = 0.0
     times_std = 0.0
     # Of six points with 0.3 mm of noise, 80 mm from their middle, 1 % is found in six of ten sets;
@@ -107,7 +107,7 @@ class ScaledPoints(AddedVariable):
         return weigh_effects(one_by_one(answer), self.effects(answer))
 
     def level(self, evidence: Evidence) -> Level:
-        """By what is left with it."""
+        """Verdict by the remaining residuals."""
         sets: PointSets = evidence.effect.about
         size = float(evidence.size[0])
         change = size * sets.placed

@@ -1,4 +1,4 @@
-"""Points that are longer along one axis in one set, or skew: what no scale makes up for.
+"""Points that are stretched along one axis in one set, or skew; a scale cannot describe it.
 
 A distance between slices that is not what a file says stretches all points along one axis. A tilted
 gantry makes two axes other than square. An instrument whose axes count differently does either.
@@ -63,7 +63,7 @@ class Strain:
 
     @property
     def size(self) -> float:
-        """By how much the greatest and the least of the factors differ."""
+        """Difference between the largest and the smallest factor."""
         return float(self.stretch[-1] - self.stretch[0])
 
 
@@ -110,7 +110,7 @@ class StrainedPoints(AddedVariable):
         return weighed
 
     def level(self, evidence: Evidence) -> Level:
-        """By what is left with it."""
+        """Verdict by the remaining residuals."""
         strain: Strain = evidence.effect.about
         return strain.sets.level(strain.size, strain.change, strain.rms)
 

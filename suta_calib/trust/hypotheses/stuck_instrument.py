@@ -1,4 +1,4 @@
-"""Rows that show to the last digit what others show from elsewhere."""
+"""Rows that repeat an earlier position to the last digit, although the arm moved."""
 
 from collections.abc import Iterator, Sequence
 

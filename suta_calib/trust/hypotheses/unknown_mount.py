@@ -1,4 +1,4 @@
-"""A target that sits elsewhere on the tip's link than at the tip."""
+"""A target that is on the tip's link, but not at the tip."""
 
 from collections.abc import Iterator
 

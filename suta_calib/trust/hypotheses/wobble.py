@@ -46,7 +46,7 @@ class Wobble(AddedVariable):
                 )
 
     def sentence(self, evidence: Evidence) -> str:
-        """The joint, by how much its axis tilts, and what that makes at the tip."""
+        """The joint, the tilt of its axis, and the effect at the tip."""
         joint, often, velocity = evidence.effect.about
         size, std = evidence.length()
         at_tip = np.sqrt(np.mean(np.sum((velocity[:, :3] @ evidence.size) ** 2, axis=1)))
