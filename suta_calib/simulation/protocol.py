@@ -84,6 +84,9 @@ class Visitor:
         spread = stream(self.seed, plan.name, label, "places")
         axis = -pose.rotation[:, 2] if plan.axis is None else plan.axis
         turned = rotation_from_vector(vector_turning_z_to(axis))
+        # A tip that is held keeps its pose: what differs is the posture.
+        held = plan.term.has_angles
+        turns = np.tile(pose.rotation if held else np.eye(3), (plan.directions, 1, 1))
         q, touched = np.empty((0, len(self.posture))), np.empty((0, 3))
         for batch in range(most_batches):
             where = spread.random((plan.directions, 2))
@@ -99,6 +102,8 @@ class Visitor:
             # About the posture, so that the turns about the tool axis differ too.
             other = self.kinematics.random_readings(rng, len(directed))
             starts = self.posture + 0.25 * (other - self.posture)
+            if held:
+                directed, starts = Targets(position, turns, self.kinematics.most("pose")), other
             answer = self.kinematics.solve(directed, starts, rng, starts_per_direction)
             q = np.concatenate([q, answer.q[answer.reached]])
             touched = np.concatenate([touched, position[answer.reached]])
@@ -117,12 +122,12 @@ class Visitor:
                 if not self.kinematics.attainable["position"]
                 else f"move the {plan.term.place}, or ask for fewer directions or a wider cone",
             )
-        targets = Targets(touched[:n], np.tile(np.eye(3), (n, 1, 1)))
+        targets = Targets(touched[:n], turns)
         # Whatever the direction, the place is touched: it alone has to be met again with noise.
-        unoriented = np.zeros(n, dtype=bool)
+        oriented = np.full(n, held)
         numbers = plan.term.measured(pose.position, touched[:n], plan.settings)
         labels = {plan.term.place: [label] * n}
-        return Visits(label, labels, targets, unoriented, q[:n], pose.line, numbers)
+        return Visits(label, labels, targets, oriented, q[:n], pose.line, numbers)
 
     def reach(
         self,

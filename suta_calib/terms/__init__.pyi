@@ -1,6 +1,8 @@
 from .block import Block as Block
 from .block import Noise as Noise
 from .camera_view import CameraView as CameraView
+from .closed_loop import ClosedLoop as ClosedLoop
+from .contact import Contact as Contact
 from .fixed_point import FixedPoint as FixedPoint
 from .given_pose import GivenPose as GivenPose
 from .hand_eye import HandEye as HandEye

@@ -55,7 +55,8 @@ class PlaceTerm(Term):
         of_place = common + width * self.places[1][:, None] + np.arange(width)
         own_columns = np.hstack([np.tile(np.arange(common), (len(of_place), 1)), of_place])
         data = np.zeros((len(self.poses), 0)) if data is None else data
-        labels = self.poses.samples.labels[self.place]
+        samples = self.poses.samples
+        labels = samples.labels.get(self.place, samples.origin)
         return (Block.per_sample(name, "m", size, residual, own_columns, data, self.noise, labels),)
 
     def _there(self, values: Mapping[str, float], poses: PoseSource) -> FloatArray:

@@ -24,7 +24,7 @@ from suta_calib.terms.places import PlaceTerm
 from suta_calib.terms.poses import PoseSource
 
 
-def _signed_distance(poses: Sequence[Pose], unknowns: Symbol, data: Symbol) -> Symbol:
+def signed_distance(poses: Sequence[Pose], unknowns: Symbol, data: Symbol) -> Symbol:
     """Of the ball's surface to the plane ``nᵀ x = d``; turns and shifts of the base leave it alone.
 
     The arm is on the side that the tip comes from, against its z axis, whichever way n points: so
@@ -120,7 +120,7 @@ class TouchedPlane(PlaceTerm):
     def blocks(self) -> tuple[Block, ...]:
         """The signed distances."""
         radius = np.full((len(self.poses), 1), self.radius)
-        return self._blocks("distance", 1, _signed_distance, radius)
+        return self._blocks("distance", 1, signed_distance, radius)
 
     @property
     def settings(self) -> Mapping[str, Any]:

@@ -69,6 +69,7 @@ class Term(GivenPlaces):
         columns: what its samples hold beside the joints.
         medium: what tells where the arm is.
         needs_artefact: whether an artefact is touched.
+        between_chains: whether it is about the tips of two chains, so that it helps no lone arm.
         has_angles: whether it looks at orientations, so that their noise means something.
         keys: what else a row of a job may say, read by `read_settings`.
         unit: of the noise of its first block in a job: ``mm``, or ``px`` where lengths are in
@@ -106,6 +107,7 @@ class Term(GivenPlaces):
     columns: ClassVar[SampleColumns]
     medium: ClassVar[Medium] = "touch"
     needs_artefact: ClassVar[bool] = False
+    between_chains: ClassVar[bool] = False
     has_angles: ClassVar[bool] = True
     keys: ClassVar[tuple[Field, ...]] = ()
     unit: ClassVar[Literal["mm", "px", "deg", ""]] = "mm"

@@ -123,7 +123,12 @@ class _Case:
             )
             return Explanation(self.fixed, sentence, f"{needed}{to_know}", "redundant", moves)
         if not good:
-            kinds = [kind.kind for kind in KINDS.values() if self._told_by(self._any(kind))]
+            several = len(self.problem.arm.arms) > 1 if self.problem.arm else False
+            kinds = [
+                kind.kind
+                for kind in KINDS.values()
+                if (several or not kind.between_chains) and self._told_by(self._any(kind))
+            ]
             good = [f"add {' or '.join(kinds)}"] if kinds else []
         remedy = " or ".join(good[:3]) or "give it a prior"
         reason: HeldReason = "badly told" if self.spread < self.parameter.plausible else "untold"

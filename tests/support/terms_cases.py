@@ -15,6 +15,8 @@ from simulated import (
     artefact,
     artefact_scene,
     camera_scene,
+    closed_loop_scene,
+    contact_scene,
     dh_parameters,
     fixed_point_scene,
     hand_eye_scene,
@@ -75,6 +77,19 @@ CASES = {
     "range": case("range", lambda arm, truth: range_scene(arm, truth, measured=True)),
     "range of unknown radius": case(
         "range", lambda arm, truth: range_scene(arm, truth, measured=False), "joint_4.z"
+    ),
+    "contact with points": case(
+        "contact", lambda arm, truth: contact_scene(arm, truth, distance=0.0), "joint_4.z"
+    ),
+    "contact with balls": case(
+        "contact", lambda arm, truth: contact_scene(arm, truth, distance=0.3)
+    ),
+    "contact with planes": case(
+        "contact", lambda arm, truth: contact_scene(arm, truth, distance=0.0, surface="plane"),
+        "joint_4.z",
+    ),
+    "closed_loop": case(
+        "closed_loop", closed_loop_scene, "joint_4.z", "joint_6.offset", "tip.y", "tip.z"
     ),
     "tracked_point": case("tracked_point", tracked_scene),
     "tracked_point with targets": case(
