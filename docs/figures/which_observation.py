@@ -41,6 +41,13 @@ PLACES = """
       S4: {{position_mm: [50, -400, 50]{turn4}}}
     directions: 15
     cone_deg: 40"""
+# The same 60 postures for an arm of six joints, which has few of them in one pose.
+GRIPS = "\n    directions: 4\n    grips:" + "".join(
+    f"\n      S{k}: {{position_mm: [{x}, {y}, {z}], rotation_rpy_deg: [{180 - tilt}, {tilt}, {yaw}]}}"
+    for k, (x, y, z, tilt, yaw) in enumerate(
+        (400 - 25 * k, 30 * k - 200, 10 * (k % 5), 5 * (k % 7) - 15, 40 * k) for k in range(15)
+    )
+)
 TURNS = ("[0, 6, 20]", "[23, 0, 70]", "[-6, -17, 130]", "[28, 17, 50]")
 ON_ARTEFACT = f"""
     artefact: {ROOT / "data" / "suta" / "artefact.yaml"}
@@ -68,6 +75,8 @@ SCENES = {
     "plane": (places("plane", turned=True), ""),
     "line": (places("line", turned=True), ""),
     "range": (places("anchor", turned=False) + "\n    length_mm: [200, 400]", ""),
+    "contact": (places("spot", turned=False), ""),
+    "closed_loop": (GRIPS, ""),
     "tracked_point": ("\n    samples: 60", ""),
     "hand_eye": (
         "\n    samples: 60\n    eye_in_tip: {position_mm: [20, -50, 80]}"

@@ -36,6 +36,20 @@ EDGES = """\
       S3: {position_mm: [-400, -50, 0], rotation_rpy_deg: [-6, -17, 130]}
       S4: {position_mm: [50, -400, 50], rotation_rpy_deg: [28, 17, 50]}
 """
+# Of six joints few postures hold one thing in one pose: many grips take their place.
+GRIPS = "".join(
+    f"      S{k}: {{position_mm: [{x}, {y}, {z}], rotation_rpy_deg: [{180 - tilt}, {tilt}, {yaw}]}}\n"
+    for k, (x, y, z, tilt, yaw) in enumerate(
+        [
+            (400, 0, 0, 0, 20),
+            (0, 400, 50, 10, 70),
+            (-400, 0, 0, -10, 130),
+            (0, -400, 50, 20, 50),
+            (300, 300, 0, 5, -60),
+        ],
+        1,
+    )
+)
 ANCHORS = """\
       S1: {position_mm: [250, 0, -200]}
       S2: {position_mm: [0, 250, -200]}
@@ -104,6 +118,8 @@ CASES = {
     "range of unknown radius": touching(
         "range", ANCHORS, 18, keys="    length_mm: 300\n", place="radius[S1]"
     ),
+    "contact": touching("contact", PLACES, place="spot[S1].z"),
+    "closed_loop": touching("closed_loop", GRIPS, 14, place="grip[S1].z"),
     "tracked_point": Case(
         "tracked_point", "    samples: 40\n", "    samples: 15\n", place="base.x"
     ),
