@@ -56,11 +56,11 @@ from .stereotactic import StereotacticResult as StereotacticResult
 from .terms import KINDS as KINDS
 from .terms import ArmPoses as ArmPoses
 from .terms import CameraView as CameraView
-from .terms import ClosedLoop as ClosedLoop
 from .terms import Contact as Contact
 from .terms import FixedPoint as FixedPoint
 from .terms import GivenPose as GivenPose
 from .terms import HandEye as HandEye
+from .terms import LoopClosure as LoopClosure
 from .terms import MeasuredPoses as MeasuredPoses
 from .terms import MeasuredRange as MeasuredRange
 from .terms import Noise as Noise

@@ -43,7 +43,8 @@ PLACES = """
     cone_deg: 40"""
 # The same 60 postures for an arm of six joints, which has few of them in one pose.
 GRIPS = "\n    directions: 4\n    grips:" + "".join(
-    f"\n      S{k}: {{position_mm: [{x}, {y}, {z}], rotation_rpy_deg: [{180 - tilt}, {tilt}, {yaw}]}}"
+    f"\n      S{k}: {{position_mm: [{x}, {y}, {z}], "
+    f"rotation_rpy_deg: [{180 - tilt}, {tilt}, {yaw}]}}"
     for k, (x, y, z, tilt, yaw) in enumerate(
         (400 - 25 * k, 30 * k - 200, 10 * (k % 5), 5 * (k % 7) - 15, 40 * k) for k in range(15)
     )

@@ -37,7 +37,7 @@ def _rotation(poses: Sequence[Pose], unknowns: Symbol, data: Symbol) -> Symbol:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class ClosedLoop(PlaceTerm):
+class LoopClosure(PlaceTerm):
     """``T_i⁻¹ X`` for a tip that keeps its pose X in the tip of another chain.
 
     The chain goes from the other tip to this one (``base_chain``): both hold one rigid thing, and

@@ -73,9 +73,7 @@ class Contact(PlaceTerm):
     )
     columns = SampleColumns(
         common_labels=("spot",),
-        about={
-            "spot": "Label of what was touched on the other link; without the column, its tip."
-        },
+        about={"spot": "Label of what was touched on the other link; without the column, its tip."},
     )
     keys = (
         Field(

@@ -38,7 +38,8 @@ EDGES = """\
 """
 # Of six joints few postures hold one thing in one pose: many grips take their place.
 GRIPS = "".join(
-    f"      S{k}: {{position_mm: [{x}, {y}, {z}], rotation_rpy_deg: [{180 - tilt}, {tilt}, {yaw}]}}\n"
+    f"      S{k}: {{position_mm: [{x}, {y}, {z}], "
+    f"rotation_rpy_deg: [{180 - tilt}, {tilt}, {yaw}]}}\n"
     for k, (x, y, z, tilt, yaw) in enumerate(
         [
             (400, 0, 0, 0, 20),

@@ -9,10 +9,10 @@ import pytest
 
 from suta_calib import (
     ArmModel,
-    ClosedLoop,
     Contact,
     GivenPose,
     InputError,
+    LoopClosure,
     Noise,
     Problem,
     Robot,
@@ -114,11 +114,11 @@ def test_the_stated_error_of_contacts_and_loops_is_the_true_one():
         q = postures(arm, truth, np.zeros((50, 3)), None, rng, sigma)
         return Contact.from_arrays(arm, q, noise=Noise(sigma, fixed=True))
 
-    def loop(rng: np.random.Generator) -> ClosedLoop:
+    def loop(rng: np.random.Generator) -> LoopClosure:
         at, turned = np.tile(HELD[1], (50, 1)), np.tile(HELD[0], (50, 1, 1))
         q = postures(arm, truth, at, turned, rng, sigma)
         noise, angular = Noise(sigma, fixed=True), Noise(5 * sigma, fixed=True)
-        return ClosedLoop.from_arrays(arm, q, grip="bar", noise=noise, angular_noise=angular)
+        return LoopClosure.from_arrays(arm, q, grip="bar", noise=noise, angular_noise=angular)
 
     for make in (contact, loop):
         off = scatter(arm, truth, make, names)
@@ -137,7 +137,7 @@ def test_the_jacobian_of_tips_that_touch_is_that_of_central_differences(given: b
         Contact.from_arrays(arm, q),
         Contact.from_arrays(arm, q, distance=0.2),
         Contact.from_arrays(arm, np.tile(q, (4, 1)), spot="S", surface="plane", distance=0.01),
-        ClosedLoop.from_arrays(arm, q, grip="G"),
+        LoopClosure.from_arrays(arm, q, grip="G"),
     ):
         if given and term.own_parameters:
             pose = GivenPose(HELD[1], HELD[0], np.full(3, 1e-3), 1e-2)
@@ -158,7 +158,7 @@ def test_what_cannot_be_a_contact_is_refused():
     robot = torso_robot()
     arm = between(robot)
     q = np.zeros((6, len(arm.joints)))
-    with pytest.raises(InputError, match="two tips|apart"):
+    with pytest.raises(InputError, match="mm apart"):
         Contact.from_arrays(arm, q).check_enough()
     with pytest.raises(InputError, match="0 for a touch"):
         Contact.from_arrays(arm, q, distance=-0.01)
@@ -169,7 +169,7 @@ def test_what_cannot_be_a_contact_is_refused():
     with pytest.raises(InputError, match="spot A touched 1 times"):
         Contact.from_arrays(arm, q[:1], spot="A").check_enough()
     with pytest.raises(InputError, match="one posture"):
-        ClosedLoop.from_arrays(arm, q, grip="bar").check_enough()
-    with pytest.raises(InputError, match="without an orientation|rotation_rpy_deg"):
-        pose = {"A": GivenPose(np.zeros(3))}
+        LoopClosure.from_arrays(arm, q, grip="bar").check_enough()
+    pose = {"A": GivenPose(np.zeros(3))}
+    with pytest.raises(InputError, match="without an orientation"):
         Contact.from_arrays(arm, q, spot="A", surface="plane", given=pose)

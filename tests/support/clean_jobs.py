@@ -1,4 +1,4 @@
-"""Sound jobs of every kind of observation, simulated anew with every seed."""
+"""Sound jobs of every kind of observation of one arm, simulated anew with every seed."""
 
 from __future__ import annotations
 
@@ -23,7 +23,9 @@ SORTS = [
     (kind, oriented)
     for kind, of in shipped(KINDS).items()
     for oriented in (False, True)
-    if (of.has_angles or not oriented) and (oriented or of.columns.orientation != "required")
+    if not of.between_chains
+    and (of.has_angles or not oriented)
+    and (oriented or of.columns.orientation != "required")
 ]
 
 

@@ -318,7 +318,7 @@ def closed_loop_scene(arm: ArmModel, truth: dict[str, float], grips: int = 24) -
         q = answer.q[answer.reached]
         q = q[np.unique(np.round(q, 3), axis=0, return_index=True)[1]]
         # Well within the limits, and away from singular postures: noise must be reached too.
-        around = rotation_from_vector(5e-3 * np.repeat([-1.0, 1.0], 3)[:, None] * np.tile(np.eye(3), (2, 1)))
+        around = rotation_from_vector(5e-3 * np.vstack([-np.eye(3), np.eye(3)]))
         near = Targets(np.tile(p[k], (6 * len(q), 1)), np.tile(R[k] @ around, (len(q), 1, 1)))
         tried = kinematics.solve(near, np.repeat(q, 6, axis=0), rng, starts=1)
         off = np.abs(tried.q - np.repeat(q, 6, axis=0)).max(axis=1) < 0.1

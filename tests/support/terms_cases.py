@@ -85,7 +85,8 @@ CASES = {
         "contact", lambda arm, truth: contact_scene(arm, truth, distance=0.3)
     ),
     "contact with planes": case(
-        "contact", lambda arm, truth: contact_scene(arm, truth, distance=0.0, surface="plane"),
+        "contact",
+        lambda arm, truth: contact_scene(arm, truth, distance=0.0, surface="plane"),
         "joint_4.z",
     ),
     "closed_loop": case(
