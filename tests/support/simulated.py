@@ -300,13 +300,13 @@ def contact_scene(
         ((0.3, 0.1, -0.25), (0.0, 0.1, 0.0)),
         ((-0.1, 0.3, -0.2), (0.4, 0.0, 0.3)),
         ((-0.2, -0.3, -0.15), (-0.1, -0.3, 0.0)),
-        ((0.2, -0.35, 0.05), (0.5, 0.3, 0.0)),
+        ((0.2, -0.3, -0.1), (0.3, 0.2, 0.0)),
     )
     settings = {"distance": distance, "surface": surface}
     return places_scene("contact", arm, truth, 14, settings, spots)
 
 
-def closed_loop_scene(arm: ArmModel, truth: dict[str, float], grips: int = 24) -> Scene:
+def closed_loop_scene(arm: ArmModel, truth: dict[str, float], grips: int = 20) -> Scene:
     """Each grip in the postures that six joints have there: the elbow up and down, and others."""
     rng, kinematics = np.random.default_rng(8), InverseKinematics(arm, truth)
     R, p = arm.forward(kinematics.random_readings(rng, grips), truth)
@@ -318,10 +318,11 @@ def closed_loop_scene(arm: ArmModel, truth: dict[str, float], grips: int = 24) -
         q = answer.q[answer.reached]
         q = q[np.unique(np.round(q, 3), axis=0, return_index=True)[1]]
         # Well within the limits, and away from singular postures: noise must be reached too.
-        around = rotation_from_vector(5e-3 * np.vstack([-np.eye(3), np.eye(3)]))
-        near = Targets(np.tile(p[k], (6 * len(q), 1)), np.tile(R[k] @ around, (len(q), 1, 1)))
+        aside = np.vstack([-np.eye(3), np.eye(3)])
+        turned = np.tile(R[k] @ rotation_from_vector(5e-3 * aside), (len(q), 1, 1))
+        near = Targets(np.tile(p[k] + 0.03 * aside, (len(q), 1)), turned)
         tried = kinematics.solve(near, np.repeat(q, 6, axis=0), rng, starts=1)
-        off = np.abs(tried.q - np.repeat(q, 6, axis=0)).max(axis=1) < 0.1
+        off = np.abs(tried.q - np.repeat(q, 6, axis=0)).max(axis=1) < 0.5
         q = q[(tried.reached & off).reshape(-1, 6).all(axis=1)]
         found += [(k, row) for row in q if len(q) > 1]
     which, q = (np.array(column) for column in zip(*found, strict=True))

@@ -35,7 +35,7 @@ def test_what_stands_where_it_is_known_to_tells_where_the_arm_stands(name: str) 
     term = s.exact(*noises(SIGMA, False))
     if not term.own_parameters:
         pytest.skip("distances do not see where anything stands")
-    if any(p.key not in POSITION for p in term.own_parameters) and term.kind in ("plane", "line"):
+    if {p.key for p in term.own_parameters} in ({"z", "rx", "ry"}, {"x", "y", "rx", "ry"}):
         term = replace(term, given=axes_as_they_are(term, s.truth))
     else:
         term = given_as_it_is(term, s.truth)
@@ -59,7 +59,7 @@ def axes_as_they_are(term: Term, truth: dict[str, float]) -> dict[str, GivenPose
         owner = f"{term.place_unknown}[{label}]"
         frame = rotation_from_vector([values[f"{owner}.rx"], values[f"{owner}.ry"], 0.0])
         at = frame @ [values.get(f"{owner}.{key}", 0.07) for key in POSITION]
-        turned = frame if term.kind == "plane" else frame[:, [2, 0, 1]]
+        turned = frame if f"{owner}.z" in values else frame[:, [2, 0, 1]]
         given[label] = GivenPose(at, turned)
     return given
 
