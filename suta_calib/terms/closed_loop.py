@@ -16,7 +16,7 @@ from suta_calib.geometry.numbers import rotation_from_vector
 from suta_calib.geometry.symbols import Symbol, symbolic_chordal_log
 from suta_calib.measurements import SampleColumns
 from suta_calib.model.parameters import PLACEMENT
-from suta_calib.terms.block import LEARNT, Block, Noise, Pose, flat, pose_of
+from suta_calib.terms.block import LEARNT, Block, Noise, Pose, pose_of
 from suta_calib.terms.external_frame import pose_values
 from suta_calib.terms.hand_eye_start import chordal_mean
 from suta_calib.terms.observed import Observed, Resimulation
@@ -97,7 +97,7 @@ class LoopClosure(PlaceTerm):
             name="rotation",
             unit="rad",
             residual=_rotation,
-            data=flat(turns),
+            data=np.swapaxes(turns, 1, 2).reshape(n, 9),
             noise=self.angular_noise,
         )
         return position, rotation
@@ -134,7 +134,7 @@ class LoopClosure(PlaceTerm):
             pose_values(chordal_mean(turns[rows]), position[rows].mean(axis=0))
             for _, rows in self._by_place()
         ]
-        return np.concatenate(starts)
+        return np.concatenate([np.zeros(0), *starts])
 
     def check_enough(self) -> None:
         """Two postures of every grip at least: the pose of one takes up all that one tells."""

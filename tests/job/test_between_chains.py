@@ -90,7 +90,7 @@ def test_tips_that_touch_join_two_arms_that_were_measured_apart():
 def scatter(arm: ArmModel, truth: dict[str, float], make, names: list[str]) -> FloatArray:
     """Errors over their stated ± of some parameters, in seeded repetitions."""
     off = []
-    for seed in range(10):
+    for seed in range(6):
         term = make(np.random.default_rng(100 + seed))
         solution = solve(Problem([term], arm.select(*names)), SolverOptions(confirm=False))
         off += [
@@ -122,9 +122,9 @@ def test_the_stated_error_of_contacts_and_loops_is_the_true_one():
 
     for make in (contact, loop):
         off = scatter(arm, truth, make, names)
-        assert len(off) == 50
-        # Of 50 values the root mean square scatters by a tenth.
-        assert 0.7 < np.sqrt(np.mean(off**2)) < 1.3, make.__name__
+        assert len(off) == 30
+        # Of 30 values the root mean square scatters by an eighth.
+        assert 0.6 < np.sqrt(np.mean(off**2)) < 1.4, make.__name__
 
 
 @pytest.mark.parametrize("given", [False, True])
