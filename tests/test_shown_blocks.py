@@ -109,6 +109,7 @@ OTHERS = {"docs/guides/extend.md", "docs/tutorials/own_kind.md"}
 PYTHON = sorted({block.page for block in BLOCKS if block.language == "python"} - OTHERS)
 
 
+@pytest.mark.usefixtures("undrawn")
 @pytest.mark.parametrize("page", PYTHON)
 def test_python_runs_and_prints_what_its_comments_say(page: str, folder: Path) -> None:
     names: dict[str, Any] = own_arrays()

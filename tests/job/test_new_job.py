@@ -26,6 +26,8 @@ from suta_calib.terms import KINDS
 from suta_calib.units import deg, from_deg, from_mm, mm
 from tests.support.torso_robot import torso_robot_urdf
 
+pytestmark = pytest.mark.usefixtures("undrawn")
+
 FIRST, LAST = "world", "hand"
 
 
