@@ -8,12 +8,14 @@ from functools import partial
 from pathlib import Path
 from typing import Any, Final, TypeVar
 
+from suta_calib.arrays import FloatArray
 from suta_calib.display import Displayable
 from suta_calib.errors import JobError, ParameterError, UrdfError, did_you_mean
 from suta_calib.inputs import UrdfFile
 from suta_calib.measurements import YamlSection
 from suta_calib.measurements.fields import (
     BASE,
+    GRAVITY,
     LENGTH,
     TEXT,
     TIP,
@@ -274,6 +276,7 @@ class ArmSpec(Displayable):
         "two frames that a pin joins, and the two joints without an encoder.",
         (),
     )
+    gravity: FloatArray | None = keyed(GRAVITY, "", None)
     grade: str = keyed(
         choice(GRADES, "certified, machined or printed"),
         "How the arm was made. It sets the tolerance of the dimensions that are not estimated, and "
@@ -368,6 +371,8 @@ class ArmSpec(Displayable):
             raise self.section.refuse(problem.found, expected, at=at, hint=hint) from None
         if self.couplings is not None:
             arm = self.couplings.on(arm)
+        if self.gravity is not None:
+            arm = arm.with_gravity(self.gravity)
         return self.with_offsets(arm.of_grade(self.grade))
 
     def with_offsets(self, arm: _AnyMechanism) -> _AnyMechanism:

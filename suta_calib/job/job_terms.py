@@ -23,7 +23,7 @@ from suta_calib.model.parameters import Parameter
 from suta_calib.model.robot import Robot
 from suta_calib.terms import KINDS, ArmPoses, Noise, Setup, Term
 from suta_calib.terms.poses import joint_ranges
-from suta_calib.terms.several_chains import over_chain
+from suta_calib.terms.several_chains import labelled
 from suta_calib.trust.patterns import may_read_alike
 
 
@@ -53,7 +53,9 @@ def read_term(
         InputError: samples or artefact that cannot be used.
     """
     name = seen_from(row.chain, row.base_chain)
-    arm = mechanism.chains[name] if isinstance(mechanism, Robot) else mechanism
+    # With the readings of other chains too, where the file has them: these arms hang on joints that
+    # yield.
+    arm = mechanism.laid_out[name] if isinstance(mechanism, Robot) else mechanism
     try:
         samples = read_arm_samples(arm, row.sample_files, row.kind)
     except SamplesError as error:
@@ -82,7 +84,7 @@ def read_term(
     except InputError as error:
         raise placed(error, job, row.line) from None
     if isinstance(mechanism, Robot):
-        term = over_chain(term, mechanism.laid_out[name])
+        term = labelled(term, arm)
     for note in term.notes:
         warnings.warn(f"{job}:{row.line}: {note}", SutaCalibWarning, stacklevel=3)
     return term

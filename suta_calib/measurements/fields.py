@@ -268,6 +268,12 @@ URDF: Final = Field(
 )
 TIP: Final = Field("tip", TEXT, "Link or frame of the tip.", required=True)
 BASE: Final = Field("base", TEXT, "First link of the chain; default: the root link of the URDF.")
+GRAVITY: Final = Field(
+    "gravity",
+    DIRECTION,
+    "Direction of gravity along the axes of the URDF's root link, for an arm on a wall or a "
+    "ceiling; default: [0, 0, -1]. Compliances depend on it.",
+)
 POSITION: Final = Field("position_mm", XYZ_MM, "Position of its origin.", required=True)
 ROTATION: Final = Field(
     "rotation_rpy_deg",

@@ -55,6 +55,8 @@ class JointRange(Displayable):
         lower: lower limit in that unit, -inf where there is none.
         upper: upper limit in that unit, inf where there is none.
         followers: joints of the chain without a column of their own, which follow this reading.
+        optional: whether it is zero where the file has no such column: of another chain, which only
+            hangs on this one's joints.
     """
 
     name: str
@@ -62,6 +64,7 @@ class JointRange(Displayable):
     lower: float
     upper: float
     followers: tuple[str, ...] = ()
+    optional: bool = False
 
     def __str__(self) -> str:
         return f"[{self.lower:.4g}, {self.upper:.4g}] {self.unit}"
@@ -128,6 +131,9 @@ def read_samples(
     there += [name for name in columns.common_labels if _everywhere(tables, name)]
     there_too = [n for n in columns.numbers if n.required or _everywhere(tables, *n.names)]
     columns = replace(columns, labels=(*columns.labels, *there), numbers=tuple(there_too))
+    for joint in joints:
+        if joint.optional:
+            _everywhere(tables, *NumberColumn(joint.name, joint.unit).names)
     with_direction = {
         j.name for j in joints if all(_direction(j.name) in t.columns for t in tables)
     }
@@ -327,6 +333,8 @@ def _reading(table: CsvTable, joint: JointRange) -> FloatArray:
     column = NumberColumn(joint.name, joint.unit)
     if any(name in table.columns for name in column.names):
         return numbers(table, column)
+    if joint.optional:
+        return np.zeros(len(table))
     return table.numbers(joint.name, _expected(joint))
 
 

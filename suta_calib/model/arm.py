@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import pickle
 from collections.abc import Container, Iterable, Mapping, Sequence
 from copy import copy
@@ -26,8 +27,10 @@ from suta_calib.model.chain import Chain, ChainJoint, chain_of
 from suta_calib.model.gravity import Load, beyond
 from suta_calib.model.kinematic_urdf import moving_model
 from suta_calib.model.kinematics import (
+    Branch,
     ClosedLoop,
     Condition,
+    Segment,
     closed_loop,
     forward_kinematics,
     passive_angles,
@@ -89,6 +92,8 @@ class ArmModel(Mechanism):
             of the chain; of a chain of a `Robot` those of all its chains.
         bodies: what labels call its base and its tip, for a chain of a `Robot`.
         beside: parameters of the other chains of its `Robot`: nothing of this one depends on them.
+        gravity: (3,) along the axes of the URDF's root link, m/s².
+        hung: what hangs on its joints and moves with those of other chains of its `Robot`.
     """
 
     def __init__(
@@ -97,9 +102,11 @@ class ArmModel(Mechanism):
         self.chain = chain
         self.model = model
         self.grade = ""
+        self.gravity = model.gravity.linear.copy()
         self.readings = chain.moving
         self.bodies = ALONE
         self.beside = ParameterSet()
+        self.hung: tuple[Branch, ...] = ()
         # A fixed joint that carries the tip is known by the tip's name, all others by their own.
         tip = {**tips, **tip_owner(chain)}
         columns = {joint.name: k for k, joint in enumerate(chain.moving)}
@@ -174,6 +181,23 @@ class ArmModel(Mechanism):
         """The same arm, made like this: one of `measurements.scale.GRADES`."""
         arm = copy(self)
         arm.grade = grade
+        return arm
+
+    def with_gravity(self, direction: ArrayLike) -> ArmModel:
+        """The same arm, mounted so that gravity points in this direction.
+
+        Args:
+            direction: (3,) along the axes of the URDF's root link, of any length but zero.
+
+        Raises:
+            ParameterError: no direction.
+        """
+        down = np.asarray(direction, dtype=float)
+        size = float(np.linalg.norm(down)) if down.shape == (3,) else 0.0
+        if not (math.isfinite(size) and size > 0.0):
+            raise ParameterError(repr(direction), "x, y, z of a direction", where="gravity")
+        arm = self._renewed()
+        arm.gravity = down / size * float(np.linalg.norm(self.gravity))
         return arm
 
     def with_tip_moved(self, by: ArrayLike) -> ArmModel:
@@ -259,6 +283,53 @@ class ArmModel(Mechanism):
             for segments in (self.segments, self.loop_segments)
         )
         return arm
+
+    def carrying(self, others: Sequence[ArmModel]) -> ArmModel:
+        """The same chain, with what hangs on its joints and moves with those of other chains.
+
+        Where a chain climbs, or another does not begin at one of its links, what hangs there stays
+        as drawn.
+
+        Args:
+            others: laid out over the same columns of readings.
+        """
+        own = {joint.name for joint in self.chain.joints}
+        counted, branches = set(own), list[Branch]()
+        for arm in others:
+            if any(joint.climbed for joint in (*self.chain.joints, *arm.chain.joints)):
+                continue
+            branch = self._branch(arm, own, counted)
+            counted |= {joint.name for joint in arm.chain.joints}
+            if branch is not None:
+                branches.append(branch)
+        carrying = self._renewed()
+        carrying.hung = tuple(branches)
+        return carrying
+
+    def _branch(self, arm: ArmModel, own: set[str], counted: set[str]) -> Branch | None:
+        """Of another chain what is beyond its joints that count already; None if nothing is."""
+        pairs = list(zip(arm.chain.joints, arm.segments, strict=True))
+        beyond_own = [k for k, (joint, _) in enumerate(pairs) if joint.name not in own]
+        if not beyond_own:
+            return None
+        at, segments, carriers = pairs[beyond_own[0]][0].parent, list[Segment](), 0
+        place = self.chain.base
+        for joint, segment in zip(self.chain.joints, self.segments, strict=True):
+            if place == at:
+                break
+            if joint.moving:
+                segments, carriers = [], carriers + 1
+            else:
+                segments.append(segment)
+            place = joint.child
+        if place != at or not carriers:
+            return None
+        segments += [segment for _, segment in pairs[beyond_own[0] :]]
+        new = {joint.name for joint, _ in pairs if joint.name not in counted}
+        loads = tuple(load for load in arm.loads if load.joint in new)
+        if not any(load.mass for load in loads):
+            return None
+        return Branch(carriers, tuple(segments), loads)
 
     def _renewed(self) -> ArmModel:
         """A copy, without what was derived."""
@@ -496,13 +567,13 @@ def _kinematics(
 ) -> Symbol:
     """`forward_kinematics` of this arm."""
     arm.check_masses(names)
-    nominal = {p.name: p.nominal for p in arm.offered.values()}
+    nominal = {p.name: p.nominal for p in (*arm.beside.values(), *arm.offered.values())}
     # Nothing between the root and this link moves with the chain.
     top = arm.model.frames[arm.model.getFrameId(arm.chain.top, pin.FrameType.BODY)].placement
-    gravity = top.rotation.T @ arm.model.gravity.linear
+    gravity = top.rotation.T @ arm.gravity
     width = len(arm.readings)
-    chain = arm.segments, names, nominal, arm.loads, gravity, conditions, rows, width, arm.closed
-    return _kinematics_of(pickle.dumps(chain))
+    chain = arm.segments, names, nominal, arm.loads, gravity, conditions, rows, width
+    return _kinematics_of(pickle.dumps((*chain, arm.closed, arm.hung)))
 
 
 # A URDF is read again by every job over it, and its kinematics would be composed again.

@@ -12,6 +12,10 @@ on every joint that descends. Gravity points along -z of the URDF's root link, a
 so the root must stand as it does in the file. Offsets and couplings count, because a zero may have
 been set by hand. Errors of lengths, and deflections, are left out: a per cent of a deflection is
 nothing.
+
+Where chains of a robot share joints, the arm that is not looked at hangs on them too. Its links are
+part of what the last shared joint carries, as drawn, with its own joints at zero. Where the samples
+have its readings, its moment changes with them.
 """
 
 from __future__ import annotations
@@ -67,6 +71,7 @@ def gravity_torques(
     carried: Sequence[Load],
     gravity: Symbol,
     tip: tuple[Symbol, Symbol, Symbol | None],
+    moved: Sequence[tuple[int, Symbol]] = (),
 ) -> dict[str, Symbol]:
     """Torque of gravity about each joint's axis and the two across it, (3,) N·m.
 
@@ -78,6 +83,8 @@ def gravity_torques(
         gravity: (3,) in the base frame, m/s².
         tip: rotation and position of the tip, and (4,) what it carries: the mass, kg, and its
             centre in the tip's frame, m; None for nothing.
+        moved: what hangs on the first few joints, how many, and by how much its moment (3,), kg·m,
+            changes when joints of other chains move.
     """
     climbed = [frame.climbed for frame in frames]
     rotation, position, payload = tip
@@ -91,6 +98,7 @@ def gravity_torques(
     torques = {}
     for k, frame in enumerate(frames):
         hanging = [*held[beyond(climbed, k)], *([] if climbed[k] else hung)]
+        hanging += [(0.0, change) for carriers, change in moved if k < carriers]
         mass, moment = (sum(parts[1:], parts[0]) for parts in zip(*hanging, strict=True))
         torques[frame.joint] = frame.axes.T @ ca.cross(moment - mass * frame.point, gravity)
     return torques

@@ -150,6 +150,43 @@ class ClosedLoop:
     branches: tuple[tuple[Segment, ...], tuple[Segment, ...]]
 
 
+@dataclass(frozen=True, eq=False)
+class Branch:
+    """What hangs on joints of a chain and moves with joints of another chain of the robot.
+
+    Attributes:
+        carriers: how many of the chain's moving joints carry it, from the base on.
+        segments: from the last of these on, fixed ones of the chain included.
+        loads: of those of its moving segments whose motion counts.
+    """
+
+    carriers: int
+    segments: tuple[Segment, ...]
+    loads: tuple[Load, ...]
+
+    def moment_change(self, frame: MovingFrame, nominal: Mapping[str, float], q: Symbol) -> Symbol:
+        """(3,) kg·m, against all these joints at zero.
+
+        Args:
+            frame: of the last joint that carries it.
+            nominal: parameters by name.
+            q: all readings.
+        """
+        moving = {load.joint for load in self.loads}
+        as_drawn = [replace(s, motion="fixed") if s.owner in moving else s for s in self.segments]
+        change = ca.SX(3, 1)
+        for sign, segments in ((1, self.segments), (-1, as_drawn)):
+            walk = _Walk([], ca.SX(0, 1), nominal)
+            walk.rotation, walk.position = frame.rotation, frame.position
+            for segment in segments:
+                walk.along([segment], q)
+                for load in self.loads:
+                    if load.joint == segment.owner:
+                        centre = walk.position + walk.rotation @ ca.DM(load.centre)
+                        change += sign * load.mass * centre
+        return change
+
+
 class _Walk:
     """The state of one pass along the chain: the current frame and the columns met so far."""
 
@@ -397,6 +434,7 @@ def forward_kinematics(
     rows: int | None = None,
     width: int = 0,
     loops: Sequence[ClosedLoop] = (),
+    hung: Sequence[Branch] = (),
 ) -> Symbol:
     """The chain's kinematics as a CasADi function of the named parameters and one sample.
 
@@ -412,6 +450,7 @@ def forward_kinematics(
         width: columns of readings, of which the chain may need but some; as many as it needs by
             default.
         loops: closed loops that move passive joints, in the order in which they are solved.
+        hung: what hangs on the chain's joints and moves with readings of other chains.
 
     Returns:
         ``ca.Function(theta (n), q (readings)) -> (rotation (9, column by column), position (3),
@@ -432,16 +471,11 @@ def forward_kinematics(
     yielding = (n for s in moving for n in s.names(COMPLIANCE, *BENDING))
     if gravity is not None and any(map(walk.matters, yielding)):
         # A per cent of a deflection is nothing: the torque is that of the arm as the URDF has it.
-        drawn = {
-            name: float(x)
-            for s in segments
-            for name, x in zip(s.names(*POSITION), s.position, strict=True)
-        }
+        drawn = _drawn(segments, nominal)
         # But a zero that was set by hand, or a coupling, turns the links as a reading does; and
         # masses pull.
         masses = {f"{load.joint}.{MASS}": load.mass for load in carried}
-        turning = [n for s in moving for n in (*s.names(OFFSET), *s.couplings)]
-        drawn |= {n: nominal.get(n, 0.0) for n in turning}
+        turning = [n for s in moving for n in _turning(s)]
         drawn |= {n: nominal.get(n, mass) for n, mass in masses.items()}
         pulling = {*masses, *turning}
         walk.pulling = [n for n in names if n in pulling]
@@ -449,7 +483,13 @@ def forward_kinematics(
         still = _Walk(walk.pulling, those, drawn).along(segments, q)
         pulled = [replace(w, mass=still.value(n)) for n, w in zip(masses, carried, strict=True)]
         at_tip = still.rotation, still.position, inputs.get("payload")
-        walk.torques = gravity_torques(still.frames, pulled, still.top @ ca.DM(gravity), at_tip)
+        moved = [
+            (branch.carriers, branch.moment_change(still.frames[branch.carriers - 1], lengths, q))
+            for branch in hung
+            for lengths in [_drawn(branch.segments, nominal)]
+        ]
+        down = still.top @ ca.DM(gravity)
+        walk.torques = gravity_torques(still.frames, pulled, down, at_tip, moved)
     walk.direction, walk.warmth = inputs.get("direction"), inputs.get("warmth")
     for loop in loops:
         _close(loop, walk, q)
@@ -462,6 +502,22 @@ def forward_kinematics(
         list(inputs),
         ["rotation", "position", "jacobian"],
     )
+
+
+def _turning(segment: Segment) -> tuple[str, ...]:
+    """What turns the links beyond a joint as its reading does."""
+    return (*segment.names(OFFSET), *segment.couplings)
+
+
+def _drawn(segments: Sequence[Segment], nominal: Mapping[str, float]) -> dict[str, float]:
+    """Lengths of the drawing, and zeros and couplings as they are."""
+    drawn = {
+        name: float(x)
+        for s in segments
+        for name, x in zip(s.names(*POSITION), s.position, strict=True)
+    }
+    turning = (n for s in segments if s.motion != "fixed" for n in _turning(s))
+    return drawn | {n: nominal.get(n, 0.0) for n in turning}
 
 
 def closed_loop(loop: LoopJoints, by_joint: Mapping[str, Segment]) -> ClosedLoop:

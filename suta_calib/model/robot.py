@@ -131,7 +131,12 @@ class Robot(Mechanism):
             same = [j.name for j in arm.readings] == [j.name for j in self.readings]
             already = same and arm.bodies.tip and set(beside) <= set(arm.beside)
             laid[name] = arm if already else arm.laid_out(self.readings, bodies[name], beside)
-        return laid
+        return {
+            name: arm
+            if arm is self.chains[name]
+            else arm.carrying([other for n, other in laid.items() if n != name])
+            for name, arm in laid.items()
+        }
 
     def chosen(self, chain: str = "") -> ArmModel:
         """The chain of this name, with the columns of `readings`."""
@@ -209,6 +214,11 @@ class Robot(Mechanism):
     def of_grade(self, grade: str) -> Robot:
         """The same robot, made like this: one of `measurements.scale.GRADES`."""
         made = {name: arm.of_grade(grade) for name, arm in self.chains.items()}
+        return Robot(made, self._tree, self._loops)
+
+    def with_gravity(self, direction: ArrayLike) -> Robot:
+        """The same robot, mounted so that gravity points in this direction (as of `ArmModel`)."""
+        made = {name: arm.with_gravity(direction) for name, arm in self.chains.items()}
         return Robot(made, self._tree, self._loops)
 
     def check_masses(self, names: Iterable[str]) -> None:

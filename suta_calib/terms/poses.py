@@ -6,7 +6,6 @@ geometry; for a body that was tracked it is a measurement. Terms are written ove
 
 from __future__ import annotations
 
-import math
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -103,8 +102,9 @@ def joint_ranges(arm: ArmModel) -> tuple[JointRange, ...]:
         JointRange(
             *(j.name, "m" if j.type == "prismatic" else "rad"),
             # Another chain's reading that the samples lack is zero, whatever its limits are.
-            *((j.lower, j.upper) if j.name in own else (-math.inf, math.inf)),
+            *((j.lower, j.upper) if j.name in own else (min(j.lower, 0.0), max(j.upper, 0.0))),
             followers[j.name],
+            j.name not in own,
         )
         for j in arm.readings
     )

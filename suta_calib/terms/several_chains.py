@@ -41,8 +41,13 @@ def over_chain(term: Term, arm: ArmModel) -> Term:
     """
     poses = term.poses
     assert isinstance(poses, ArmPoses)
-    if poses.arm is arm:
-        return term
+    return term if poses.arm is arm else labelled(term, arm)
+
+
+def labelled(term: Term, arm: ArmModel) -> Term:
+    """The same of a term that may have the columns of all chains already, and labels of one."""
+    poses = term.poses
+    assert isinstance(poses, ArmPoses)
     ends: tuple[tuple[str, End], ...] = ((term.place, "base"), (term.mark, "tip"))
     samples, labels, given = poses.samples, dict[str, Any](), dict(term.given)
     for column, end in ends:
