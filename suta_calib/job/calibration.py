@@ -56,6 +56,18 @@ DataSet = Literal["calibration", "validation"]
 _PAGES: Final = "suta_calib.report.notebook"
 
 
+def _with_what_is_held_out(spec: JobSpec) -> JobSpec:
+    """Without rows of validation whose folder is empty; the assessment says what that means."""
+    there = tuple(row for row in spec.validation if row.sample_files)
+    for row in spec.validation:
+        if row not in there:
+            patterns = ", ".join(row.samples)
+            message = f"{spec.path}:{row.line}: found no validation data ({patterns}): the folder "
+            message += "is empty. Put samples there that the fit never sees"
+            warnings.warn(message, SutaCalibWarning, stacklevel=4)
+    return replace(spec, validation=there)
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class CalibrationJob(Displayable):
     """What a ``calibration.yaml`` asks for, read and checked.
@@ -92,7 +104,7 @@ class CalibrationJob(Displayable):
 
     @classmethod
     def _read(cls, path: Path) -> CalibrationJob:
-        spec = read_job(path)
+        spec = _with_what_is_held_out(read_job(path))
         arm = spec.arm.mechanism(spec.pairs)
         try:
             parameters = arm.select(*spec.parameters)

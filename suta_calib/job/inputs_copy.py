@@ -20,6 +20,7 @@ from typing import Any, Final
 import yaml
 
 from suta_calib.errors import InputError
+from suta_calib.measurements.files import is_empty_folder
 
 NAME: Final = "inputs.zip"
 _CONTENTS: Final = "inputs.json"
@@ -34,10 +35,12 @@ def packed(job: Path, files: Iterable[Path], most: int = MOST_BYTES) -> bytes:
 
     What does not fit into ``most`` bytes is named in the copy and left out, the largest first.
     """
-    job = _absolute(job)
-    paths = {_absolute(path) for path in files if path.is_file()}
+    job, files = _absolute(job), [_absolute(path) for path in files]
+    paths = {path for path in files if path.is_file()}
+    # Of a folder in which nothing is yet the job needs to know that it is there.
+    folders = sorted(path for path in files if path.is_dir())
     paths |= {up / "package.xml" for path in paths for up in path.parents if _is_package(up)}
-    root = Path(os.path.commonpath([job.parent, *(path.parent for path in paths)]))
+    root = Path(os.path.commonpath([job.parent, *folders, *(path.parent for path in paths)]))
     text = job.read_bytes()
     contents = {job: _with_relative_paths(text, job.parent)}
     left_out, room = dict[str, int](), most - len(text)
@@ -62,6 +65,7 @@ def packed(job: Path, files: Iterable[Path], most: int = MOST_BYTES) -> bytes:
             for path, data in contents.items()
         },
         "left_out": left_out,
+        "empty": [path.relative_to(root).as_posix() for path in folders],
     }
     entries = {path.relative_to(root).as_posix(): data for path, data in contents.items()}
     stream = io.BytesIO()
@@ -88,6 +92,7 @@ class InputsCopy:
         folder: where its files were when the job ran.
         sha256: of each file, as it was there, by its name in the copy.
         left_out: sizes of files that did not fit, bytes, by name.
+        empty: folders in which nothing was.
     """
 
     path: Path
@@ -95,6 +100,7 @@ class InputsCopy:
     folder: Path
     sha256: dict[str, str]
     left_out: dict[str, int]
+    empty: tuple[str, ...] = ()
 
     @classmethod
     def read(cls, path: Path) -> InputsCopy:
@@ -114,16 +120,20 @@ class InputsCopy:
                 Path(str(table_of_contents["folder"])),
                 {str(name): str(value) for name, value in table_of_contents["sha256"].items()},
                 {str(name): int(value) for name, value in table_of_contents["left_out"].items()},
+                tuple(map(str, table_of_contents.get("empty", ()))),
             )
         except (OSError, ValueError, KeyError, TypeError, AttributeError, zipfile.BadZipFile):
             raise _damaged(path, "another or a damaged file") from None
-        if copy.job not in copy.sha256 or not all(map(_stays_inside, copy.sha256)):
+        named = (*copy.sha256, *copy.empty)
+        if copy.job not in copy.sha256 or not all(map(_stays_inside, named)):
             raise _damaged(path, "names of files that do not belong to it")
         return copy
 
     def is_at(self, folder: Path) -> bool:
         """Whether the files still stand in a folder, each as it was."""
         if any(not (folder / name).is_file() for name in (*self.sha256, *self.left_out)):
+            return False
+        if any(not is_empty_folder(folder / name) for name in self.empty):
             return False
         return all(
             hashlib.sha256((folder / name).read_bytes()).hexdigest() == value
@@ -133,6 +143,8 @@ class InputsCopy:
     def extract(self, folder: Path) -> Path:
         """Write the files into a folder; gives the job's."""
         try:
+            for name in self.empty:
+                (folder / name).mkdir(parents=True, exist_ok=True)
             with zipfile.ZipFile(self.path) as archive:
                 for name in self.sha256:
                     place = folder / name

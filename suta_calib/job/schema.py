@@ -31,6 +31,7 @@ from suta_calib.measurements.fields import (
     rows,
     whole_number,
 )
+from suta_calib.measurements.files import in_empty_folder
 from suta_calib.measurements.scale import SCALE_KEYS, LengthScale
 from suta_calib.measurements.yaml_file import YamlSection, read_yaml
 from suta_calib.model.parameters import Selection
@@ -50,7 +51,8 @@ class ObservationSpec(Displayable):
 
     Attributes:
         samples: glob patterns as written in the job.
-        sample_files: the files they match, at least one, each once, in the order of the patterns.
+        sample_files: the files they match, each once, in the order of the patterns; none where
+            validation has a folder in which nothing is yet.
         sigma_fixed: whether the data have no say in the standard deviations.
         line: line of the row in the job file.
         settings: what the kind's own keys say, as it has read them.
@@ -125,9 +127,15 @@ def _selection(row: YamlSection) -> Selection:
     return Selection(**values, line=row.line)
 
 
-def _observation(row: YamlSection) -> ObservationSpec:
+def _held_out(row: YamlSection) -> ObservationSpec:
+    return _observation(row, filled=False)
+
+
+def _observation(row: YamlSection, *, filled: bool = True) -> ObservationSpec:
     kind = _kind(row)
-    files = row.texts("samples"), row.files("samples")
+    patterns = row.texts("samples")
+    empty = not filled and all(in_empty_folder(p, row.document.path.parent) for p in patterns)
+    files = patterns, () if empty else row.files("samples")
     values = COMMON_KEYS.values(row)
     own = f"sigma_{kind.unit}".rstrip("_")
     levels = ("sigma_mm", "sigma_deg") if kind.unit == "mm" else (own,)
@@ -225,9 +233,9 @@ class JobSpec(Displayable):
         "What was measured: any number of rows of any kinds, solved together.",
     )
     validation: tuple[ObservationSpec, ...] = keyed(
-        replace(rows(_observation, OBSERVATION_KEYS), inside=None),
+        replace(rows(_held_out, OBSERVATION_KEYS), inside=None),
         "Samples that are never fitted: they show the error on new data. The same keys as under "
-        "observations.",
+        "observations. A row whose folder is empty is left out, with a warning.",
         (),
     )
     solver: SolverSpec = keyed(mapping(SolverSpec), "Options of the solver.", SolverSpec())

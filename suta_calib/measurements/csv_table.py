@@ -181,7 +181,10 @@ def csv_table(path: Path, text: str) -> CsvTable:
     header_line, header = rows.pop(0)
     _check_header(path, header_line, header)
     if not rows:
-        raise SamplesError("a header without data", "at least one row", file=path, line=header_line)
+        hint = "fill it in; or delete it, if other files hold the samples"
+        raise SamplesError(
+            "a header without data", "at least one row", file=path, line=header_line, hint=hint
+        )
     for line, row in rows:
         if len(row) != len(header):
             cut_off = line == rows[-1][0] and len(row) < len(header)

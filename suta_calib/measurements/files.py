@@ -110,6 +110,23 @@ def expand(pattern: str, folder: Path) -> list[Path]:
     return files
 
 
+def in_empty_folder(pattern: str, folder: Path) -> bool:
+    """Whether a glob pattern looks into a folder that exists and in which there is nothing."""
+    within = (folder / pattern).parent
+    if not (glob.has_magic(Path(pattern).name) and is_empty_folder(within)):
+        return False
+    note_input(within)
+    return True
+
+
+def is_empty_folder(path: Path) -> bool:
+    """Whether it is a folder, and there is nothing in it."""
+    try:
+        return not any(path.iterdir())
+    except (OSError, ValueError):
+        return False
+
+
 def _matching(folder: Path, parts: Sequence[str], looked: Iterator[int]) -> Iterator[Path]:
     """What matches the parts of a pattern below a folder.
 

@@ -231,9 +231,10 @@ def _next_steps(result: Calibration) -> Iterator[Part]:
 def _external_poses(result: Calibration) -> Iterator[Part]:
     """What many came for: where cameras, instruments and artefacts are."""
     if poses := result.examined.external_poses:
-        # The poses of many placements of an artefact are not of interest.
-        few = 3
-        yield IN_SHORT.of(poses, place="console" if len(poses) <= few else "verbose")
+        # The poses of several placements of an artefact are not of interest.
+        few, placements = 3, sum(pose.frame.what == "placement" for pose in poses)
+        shown = len(poses) <= few and placements <= 1
+        yield IN_SHORT.of(poses, place="console" if shown else "verbose")
         yield EXTERNAL_POSES.of(poses, place="page")
         yield remark(f"{NOTE} {NOTE_GIVEN}" if any(pose.given for pose in poses) else NOTE)
 

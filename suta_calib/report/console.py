@@ -31,6 +31,7 @@ TONE: Final[dict[Tone, str]] = {
 }
 
 # Where a name goes on with its next part, and not a number with its decimals.
+_BETWEEN_WORDS: Final = re.compile(r"\s+(?![^\[\]]*\])")
 _AFTER_DOT: Final = re.compile(r"(?<=\.)(?=[^\W\d])")
 # `box.SIMPLE_HEAD`, in place of which rich would draw a fence.
 _ASCII: Final = box.Box("    \n    \n -- \n" + 5 * "    \n", ascii=True)
@@ -237,7 +238,7 @@ class FittedTable:
         widths = [max(map(cell_len, column)) for column in columns]
         # Numbers stay on their line, whatever is between them; other cells break between words,
         # and no row becomes a tower.
-        split = _pieces if broken else str.split
+        split = _pieces if broken else _words
         # Of a cell in a table, at most about.
         lines = 3
         least = [
@@ -272,9 +273,14 @@ class FittedTable:
                 yield from _wrapped(line, width, rest="    ")
 
 
+def _words(text: str) -> list[str]:
+    """What no line is broken within; the label in a name may have blanks: stretch[my sheet].x."""
+    return _BETWEEN_WORDS.split(text.strip())
+
+
 def _pieces(text: str) -> list[str]:
-    """What no line is broken within: words, and of names the parts up to their dots."""
-    return [piece for word in text.split() for piece in _AFTER_DOT.split(word)]
+    """The same, and of names the parts up to their dots."""
+    return [piece for word in _words(text) for piece in _AFTER_DOT.split(word)]
 
 
 def _broken(cell: str, width: int) -> str:

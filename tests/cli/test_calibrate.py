@@ -370,3 +370,23 @@ def test_an_answer_that_must_not_be_used_is_refused_when_it_is_read_back(job: Pa
     )
     box = ("--urdf", job.parent / "arm.urdf", "--tip", "tip", "--region", "150,600,-300,300,0,400")
     assert "must not be used" in refused("tip-map", result, *box)
+
+
+@pytest.mark.filterwarnings("always::suta_calib.errors.SutaCalibWarning")
+def test_an_empty_folder_of_validation_does_not_stop_a_first_run(
+    job: Path, tmp_path: Path, capsys: Capture
+) -> None:
+    (folder,) = {path.parent for path in job.parent.glob("validation/*.csv")}
+    for path in folder.glob("*.csv"):
+        path.unlink()
+    assert cli("calibrate", job, "--out", tmp_path / "o") == 0
+    out, err = capsys.readouterr()
+    assert "found no validation data (validation/*.csv): the folder is empty" in err
+    assert "There are no validation data" in out
+    # The copy of the inputs knows of the folder.
+    moved = job.parent.rename(tmp_path / "gone")
+    assert cli("export", tmp_path / "o", "--format", "urdf", "--out", tmp_path / "a.urdf") == 0
+    # One that is not there is a slip of the pen.
+    (moved / "validation").rmdir()
+    assert cli("calibrate", moved / job.name) == 2
+    assert "no file that matches 'validation/*.csv'" in capsys.readouterr().err

@@ -157,3 +157,11 @@ def test_no_color_means_no_colour(monkeypatch: pytest.MonkeyPatch) -> None:
     assert any("3" in code.split(";")[-1][:1] for code in codes())
     monkeypatch.setenv("NO_COLOR", "1")
     assert not any(re.match(r"(\d;)?[34]\d", code) for code in codes())
+
+
+def test_a_label_with_a_blank_is_not_broken() -> None:
+    rows = [("stretch[my own sheet].x", 0.01 * k, 1e-5, "told by these data") for k in range(2)]
+    written = io.StringIO()
+    table = Document("scene", "Scene", Assessment.of("Done."), [ROW.of(rows)])
+    Console(file=written, width=62, highlight=False).print(rendered(table), crop=False)
+    assert written.getvalue().count("stretch[my own sheet].x") == 2
