@@ -98,6 +98,11 @@ class Assessment:
     sentence: str = ""
     notes: tuple[str, ...] = ()
 
+    @property
+    def statement(self) -> str:
+        """The sentence, as it begins behind a full stop."""
+        return self.sentence[:1].upper() + self.sentence[1:]
+
     def __repr__(self) -> str:
         notes = f"{len(self.notes)} note{'s' * (len(self.notes) != 1)}" if self.notes else ""
         return f"<Assessment: {self.level}{'; '.join(['', *filter(None, [self.sentence, notes])])}>"

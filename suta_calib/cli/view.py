@@ -101,8 +101,8 @@ def _say(calibrated: Calibrated, answer: dict[str, Any], where: str, *, as_json:
             print_json(answer)
             return
         verdict, to = calibrated.assessment, console()
+        to.print(f"{verdict.word}. {verdict.statement}", soft_wrap=True)
         to.print(f"{calibrated.title}: {calibrated.summary}", soft_wrap=True)
-        to.print(f"{verdict.word}: {verdict.sentence}", soft_wrap=True)
         to.print(where, soft_wrap=True)
 
 

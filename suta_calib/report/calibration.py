@@ -256,12 +256,13 @@ def _errors(result: Calibration) -> Iterator[Part]:
         "is that of the RMS."
     )
     if result.solution.converged:
-        yield HELD_OUT.of(held_out_rows(result), place="detail")
-        yield remark(
-            "Predicted: the standard deviation from the scatter of the fitted errors and from the "
-            "covariance of the parameters. About 68 % (95 %) of the errors should lie within 1 (2) "
-            "predicted standard deviations."
-        )
+        if held_out := [*held_out_rows(result)]:
+            yield HELD_OUT.of(held_out, place="detail")
+            yield remark(
+                "Predicted: the standard deviation from the scatter of the fitted errors and from "
+                "the covariance of the parameters. About 68 % (95 %) of the errors should lie "
+                "within 1 (2) predicted standard deviations."
+            )
         yield REPEATABILITY.of(repeatability_of(result), place="detail")
     # Held-out errors are what a user of the arm will see: they come first.
     for name in ("validation", "calibration"):
@@ -288,9 +289,9 @@ def _untold(result: Calibration) -> Iterator[Part]:
         yield from explained([e for e in of_arm if not e.failed], "verbose", MOST_SENTENCES)
         yield from explained([e for e in of_arm if e.failed], "console", MOST_SENTENCES)
         yield from explained([e for e in result.explanations if e.reason != "redundant"], "page")
-        yield from _held(result)
         if not result.explanations:
-            yield Text("Nothing: every parameter was estimated.", place="page")
+            yield Text("Nothing: every parameter that the job frees was estimated.", place="page")
+        yield from _held(result)
         several = [name for name, each in zip(named, moving, strict=True) if len(each) > 1]
         if several:
             yield COMBINATIONS.of(

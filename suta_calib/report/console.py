@@ -80,7 +80,7 @@ def _hidden(table: listing.Table) -> bool:
 
 def _verdict(how_far: Assessment, headline: str) -> Iterator[RenderableType]:
     """The verdict, the headline and the notes, and an empty line below them."""
-    sentence = how_far.sentence[:1].upper() + how_far.sentence[1:]
+    sentence = how_far.statement
     word = Text(
         f"{how_far.word}. " if sentence else f"{how_far.word}.", style=COLOUR[how_far.level]
     )

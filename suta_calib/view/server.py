@@ -290,7 +290,7 @@ def headline(scene: ArmScene) -> str:
     lines = [f"<b>{escape(scene.title)}</b>"]
     if (verdict := scene.assessment) is not None:
         word = f'<b style="color:{_LEVELS[verdict.level]}">{escape(verdict.word)}</b>'
-        lines.append(f"{word}: {escape(verdict.sentence)}")
+        lines.append(f"{word}. {escape(verdict.statement)}")
     return paragraphs([*lines, escape(scene.summary)])
 
 

@@ -54,7 +54,7 @@ def test_it_needs_no_network_and_says_whether_to_use_it(html: bytes, scene: ArmS
     text = html.decode()
     assert not re.findall(r"""(?:src|href)\s*=\s*["']?(?:https?:)?//[^"'\s>]+""", text)
     assert scene.assessment is not None
-    assert scene.assessment.sentence in text
+    assert scene.assessment.statement in text
     assert scene.summary in text
     assert f"errors × {scene.magnification:g}" in text
     assert legend(scene) in text
