@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
+from shlex import quote
 
 import click
 
@@ -97,7 +98,7 @@ def init(
         )
     for file in files:
         click.echo(file.path)
-    click.echo(f"Next: fill in the samples, then suta-calib observe {files[0].path}")
+    click.echo(f"Next: fill in the samples, then suta-calib observe {quote(str(files[0].path))}")
 
 
 def _arm(urdf: Path | XacroFile | str, tips: Sequence[str], base: str | None) -> AnyArm:

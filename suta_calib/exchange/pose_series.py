@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import shlex
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -84,7 +85,8 @@ def imported_series(
     other = "mm" if unit == "m" else "m"
     unit_text = f"in {unit}"
     if UNIT not in given:
-        unit_text += f" (if they are {other}: suta-calib import {path.name} --unit {other})"
+        command = f"suta-calib import {shlex.quote(str(path))} --unit {other} --out poses.csv"
+        unit_text += f" (if they are {other}: {command})"
     pair = len(series) == len(PAIR) and BODY not in given
     if pair or REFERENCE in given:
         _check_frames(path, series)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from dataclasses import replace
 from pathlib import Path
 
@@ -31,7 +32,20 @@ def pose_table(path: str | Path, **options: str) -> tuple[CsvTable, tuple[str, .
     if path.suffix.lower() == ".csv" and reader.name == TABLE:
         return read_csv_table(path), ()
     known = {option.name for option in reader.options}
-    rows = read_foreign(path, reader.name, **{k: v for k, v in options.items() if k in known})
+    try:
+        rows = read_foreign(path, reader.name, **{k: v for k, v in options.items() if k in known})
+    except ForeignFileError as problem:
+        if "--" not in problem.hint:
+            raise
+        command = f"suta-calib import {shlex.quote(str(path))} --out poses.csv"
+        raise ForeignFileError(
+            problem.found,
+            problem.expected,
+            file=problem.file,
+            line=problem.line,
+            where=problem.where,
+            hint=f"{problem.hint}. Such options are those of {command}",
+        ) from None
     if not isinstance(rows, ImportedRows):
         hint = "suta-calib import SOURCE --out FILE converts it"
         raise ForeignFileError(rows.sentence, "poses", file=path, hint=hint)

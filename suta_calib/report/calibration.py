@@ -7,6 +7,7 @@ null, so that nobody uses them by accident.
 from __future__ import annotations
 
 import platform
+import shlex
 from collections.abc import Iterator, Mapping, Sequence
 from functools import cache, partial
 from importlib import import_module
@@ -218,7 +219,7 @@ def _command(finds: str, line: str) -> Text:
 
 def _next_steps(result: Calibration) -> Iterator[Part]:
     """Commands to copy, each where it would help."""
-    job = result.job.spec.path
+    job = shlex.quote(str(result.job.spec.path))
     if not (result.job.files and result.solution.converged):
         return
     notes = " ".join(result.assessment.notes)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final, NamedTuple
@@ -84,8 +85,9 @@ def _pictures(imported: Imported, written: Path, data: dict[str, Any]) -> list[P
     data |= {"images": str(folder), "camera": None if camera is None else str(camera)}
     sentence = f"{len(imported.pictures)} pictures in {folder}"
     sentence += "" if camera is None else f", the camera in {camera}"
-    with_camera = "--camera-out camera.yaml" if camera is None else f"--camera {camera}"
-    ready = f"suta-calib detect {folder} --board board.yaml --out corners.csv {with_camera}"
+    taken = ("--camera-out", "camera.yaml") if camera is None else ("--camera", str(camera))
+    line = ("detect", str(folder), "--board", "board.yaml", "--out", "corners.csv", *taken)
+    ready = shlex.join(("suta-calib", *line))
     return [Text(f"{sentence}. Next: {ready}")]
 
 

@@ -6,12 +6,14 @@ import csv
 import io
 import json
 import re
+import shlex
+import shutil
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from cli_job import answer, printed, refused, write_simulated_job
+from cli_job import Capture, answer, cli, printed, refused, write_simulated_job
 from hypothesis import given
 from hypothesis import strategies as st
 from simulated import arm_named
@@ -249,3 +251,21 @@ def test_a_plan_over_data_that_cannot_be_fitted_may_not_be_used(suta: Path, tmp_
     told = answer("plan", job, "--candidates", file, "-n", 1, code=1)
     assert told["verdict"]["level"] == "bad"
     assert told["verdict"]["notes"][0].startswith("Do not use the calibration itself (not ")
+
+
+def test_a_calibration_offers_the_command_that_helps(
+    tmp_path: Path, repository: Path, capsys: Capture
+) -> None:
+    """As it is printed it may be copied, also from a folder with a blank in its name."""
+    job = Path(shutil.copytree(repository / "data/suta", tmp_path / "my job")) / "calibration.yaml"
+    text = job.read_text(encoding="utf-8")
+    text = text.replace("../../urdf", str(repository / "urdf")).replace("starts: 8", "starts: 1")
+    job.write_text(text, encoding="utf-8")
+    assert cli("calibrate", job, "--out", tmp_path / "o") == 0
+    (line,) = (
+        line for line in capsys.readouterr().out.splitlines() if line.startswith("suta-calib plan ")
+    )
+    program, *words = shlex.split(line, comments=True)
+    assert (program, words[1]) == ("suta-calib", str(job))
+    assert cli(*words, "--tilt", "0", "--out", tmp_path / "p") == 0
+    assert "What to measure next" in capsys.readouterr().out

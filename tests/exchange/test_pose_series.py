@@ -194,6 +194,12 @@ def test_a_file_that_is_an_arm_is_no_poses(tmp_path: Path) -> None:
         pose_table(path)
 
 
+def test_a_recording_of_several_bodies_names_the_command_that_has_the_options() -> None:
+    path = DATA.parent / "examples/stylus_polaris/track.csv"
+    with pytest.raises(InputError, match=r"--body NAME.* those of suta-calib import .*--out"):
+        pose_table(path)
+
+
 def test_rows_of_hand_and_target_in_turn(tmp_path: Path) -> None:
     """4x4 blocks below one another, as many scripts print them."""
     both = np.stack([TOOL, REFERENCE], axis=1).reshape(-1, 4)
