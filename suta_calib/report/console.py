@@ -31,7 +31,8 @@ TONE: Final[dict[Tone, str]] = {
 }
 
 # Where a name goes on with its next part, and not a number with its decimals.
-_BETWEEN_WORDS: Final = re.compile(r"\s+(?![^\[\]]*\])")
+# Not within a label, as in stretch[my sheet].x, nor between numbers that belong together.
+_BETWEEN_WORDS: Final = re.compile(r"(?:(?<![\d±\s])\s+|\s+(?![-+±\d\s]))(?![^\[\]]*\])")
 _AFTER_DOT: Final = re.compile(r"(?<=\.)(?=[^\W\d])")
 # `box.SIMPLE_HEAD`, in place of which rich would draw a fence.
 _ASCII: Final = box.Box("    \n    \n -- \n" + 5 * "    \n", ascii=True)
@@ -244,7 +245,7 @@ class FittedTable:
         least = [
             widest
             if k in self.listed.numeric
-            else max(widest // lines, *map(cell_len, split(" ".join(column))), 0)
+            else max(widest // lines, *(cell_len(word) for cell in column for word in split(cell)))
             for k, widest, column in zip(beside, widths, columns, strict=True)
         ]
         # The frame and what is between two columns.
@@ -274,7 +275,7 @@ class FittedTable:
 
 
 def _words(text: str) -> list[str]:
-    """What no line is broken within; the label in a name may have blanks: stretch[my sheet].x."""
+    """What no line is broken within."""
     return _BETWEEN_WORDS.split(text.strip())
 
 
