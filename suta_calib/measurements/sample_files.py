@@ -324,7 +324,10 @@ def _readings(table: CsvTable, joints: Sequence[JointRange]) -> FloatArray:
     """(n, joints), refused where they can only be degrees, millimetres or whole turns off."""
     q = np.array([_reading(table, joint) for joint in joints])
     for k, row, expected, hint in _unusable(q, joints):
-        raise table.refuse(row, joints[k].name, f"{q[k, row]:.6g}", expected, hint)
+        name = joints[k].name
+        if "convert to" in hint and name in table.columns:
+            hint += f", or call the column {name}_{'deg' if joints[k].unit == 'rad' else 'mm'}"
+        raise table.refuse(row, name, f"{q[k, row]:.6g}", expected, hint)
     return q.reshape(-1, len(table)).T
 
 
@@ -382,6 +385,9 @@ def _what_it_is(q: FloatArray, k: int, joints: Sequence[JointRange]) -> str:
     in_rad = [i for i in turning if turns[i] == 0 and np.ptp(q[i]) > 0.2]
     more = turns[k]
     if not (more and in_rad and None not in turns.values()):
+        # Two turns in degrees are more than joints have.
+        if np.abs(q[k]).max() > 720.0:
+            return "looks like ticks of an encoder: suta-calib import --unit ticks converts them"
         return "looks like degrees: convert to radians"
     count = "a whole turn" if abs(more) == 1 else f"{abs(more)} whole turns"
     than, do = ("more", "subtract") if more > 0 else ("less", "add")

@@ -423,10 +423,12 @@ class _Columns:
         sheet = self._sheet
         trajectory = len(sheet.names) == len(TUM) and not sheet.headed
         columns = ",".join(f"{k}={name}" for k, name in enumerate(("time", *"xyz", *TUM[4:]), 1))
+        likely = ",".join(self._likely()) if sheet.headed else ""
+        joints = f"name joint readings with {JOINTS.switch} {likely}, or " if likely else "name "
         return sheet.refuse(
             f"{len(sheet.names)} columns: {listed(list(sheet.names), 16)}",
             "columns of a pose or of joints by name; or 3, 6, 7, 12 or 16 numbers",
-            hint="name the columns with --columns NAME=joint_1,…, with x, y, z, qx, qy, qz, qw "
+            hint=f"{joints}the columns with --columns NAME=joint_1,…, with x, y, z, qx, qy, qz, qw "
             f"for a pose, or give the first column of a pose with {FROM.switch} N"
             + (f"; {COLUMNS.switch} {columns} for a TUM trajectory" if trajectory else ""),
         )
