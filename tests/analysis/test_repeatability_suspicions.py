@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import replace
-from functools import partial
+from functools import cache, partial
 from pathlib import Path
 
 import numpy as np
@@ -29,6 +29,11 @@ def visited_by(arm: ArmModel, q: FloatArray, **labels: list[str]) -> Repeatabili
 run = partial(visited_by, arm_named("suta"))
 
 
+@cache
+def sound_visits(n: int, seed: int) -> Repeatability:
+    return run(visits(n, 3e-4, seed, tilt=5e-3).q)
+
+
 @pytest.mark.parametrize("jitter", [0.0, 1e-7, 5e-7])
 @pytest.mark.parametrize("seed", range(4))
 @pytest.mark.parametrize(("n", "times"), [(15, 2), (10, 3), (30, 2), (120, 2)])
@@ -38,7 +43,7 @@ def test_visits_that_are_appended_again_count_once(
     sound = visits(n, 3e-4, seed, tilt=5e-3)
     random = np.random.default_rng(seed)
     again = [sound.q + jitter * random.standard_normal(sound.q.shape) for _ in range(times - 1)]
-    found, once = run(np.vstack([sound.q, *again])), run(sound.q)
+    found, once = run(np.vstack([sound.q, *again])), sound_visits(n, seed)
     assert found.position.count == n
     assert found.copies == n * (times - 1)
     assert found.position.rms.interval() == once.position.rms.interval()
@@ -244,8 +249,10 @@ def locked(arm: ArmModel, joint: int, n: int, seed: int, by: float, size: FloatA
     q[:, free] += by * random.standard_normal((n, 5))
     for _ in range(20):
         here = arm.forward(q)[1]
-        columns = [(arm.forward(q + step * np.eye(6)[k])[1] - here) / step for k in free]
         off = target - here
+        if np.abs(off).max() < 1e-9:
+            break
+        columns = [(arm.forward(q + step * np.eye(6)[k])[1] - here) / step for k in free]
         for row, jacobian in enumerate(np.stack(columns, axis=2)):
             q[row, free] += np.linalg.lstsq(jacobian, off[row], rcond=None)[0]
     assert np.abs(off).max() < 1e-8

@@ -72,10 +72,10 @@ def plan_of(kind: str) -> StudyPlan:
 
 @pytest.fixture(scope="module")
 def cluster() -> Iterator[str]:
-    """The address of a Dask cluster of two processes."""
+    """The address of a Dask cluster: two threads of another process."""
     distributed = pytest.importorskip("distributed")
     with distributed.LocalCluster(
-        n_workers=2, threads_per_worker=2, processes=True, dashboard_address=":0", silence_logs=50
+        n_workers=1, threads_per_worker=2, processes=True, dashboard_address=":0", silence_logs=50
     ) as running:
         yield running.scheduler_address
 

@@ -73,26 +73,24 @@ def answers(scene: Path, tmp_path_factory: pytest.TempPathFactory) -> Callable[[
     return answer
 
 
-@pytest.mark.parametrize("stop", STOPS)
 @pytest.mark.parametrize("command", ANSWERS)
 def test_an_answer_is_written_whole_or_the_one_before_stays(
     command: str,
-    stop: str,
     answers: Callable[[str], Document],
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """Stopped before each of its files is on the disk."""
+    """Stopped before each of its files is on the disk, in turn by one and by the other."""
+    stops, sync = [*STOPS.values()], os.fsync
     answer = answers(command)
     files.write_document(answer, tmp_path)
     before = contents(tmp_path)
     for written in range(len(before)):
-        sync = Stopping(os.fsync, written, STOPS[stop])
-        monkeypatch.setattr(atomic.os, "fsync", sync)
+        stop = stops[(written + ANSWERS.index(command)) % len(stops)]
+        monkeypatch.setattr(atomic.os, "fsync", Stopping(sync, written, stop))
         with pytest.raises((OutputError, KeyboardInterrupt)):
             files.write_document(answer, tmp_path)
         assert contents(tmp_path) == before
-    monkeypatch.setattr(atomic.os, "fsync", Stopping(os.fsync, 0, STOPS[stop]))
 
 
 @pytest.mark.parametrize("command", ANSWERS)

@@ -34,8 +34,9 @@ from suta_calib.units import mm
 
 @pytest.mark.parametrize("share", [0.0, 0.3])
 @pytest.mark.parametrize("spread", [EXACT, NOISE], ids=["exact", "noisy"])
-@pytest.mark.parametrize("axis", [np.eye(3)[2], SKEW_AXIS], ids=["z", "skew"])
-@pytest.mark.parametrize("turn", [np.pi / 4, np.pi / 2])
+@pytest.mark.parametrize(
+    ("axis", "turn"), [(np.eye(3)[2], np.pi / 2), (SKEW_AXIS, np.pi / 4)], ids=["z", "skew"]
+)
 def test_parallel_axes_are_refused_and_the_axis_is_named_in_the_hand(
     turn: float, axis: FloatArray, spread: PoseNoise, share: float
 ) -> None:

@@ -5,7 +5,9 @@ from __future__ import annotations
 import re
 from collections.abc import Callable
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import numpy as np
 import pytest
@@ -40,6 +42,15 @@ def says_of_shapes(assessment: Assessment) -> list[str]:
         for n in assessment.notes
         if re.search(r"calbody|markers are up to|seem to be one frame", n)
     ]
+
+
+@cache
+def sound(kind: str) -> StereotacticData:
+    """A set of this kind, whose bodies are not spoken of."""
+    with TemporaryDirectory() as folder:
+        data = written(Path(folder), 0, **KINDS[kind])
+    assert says_of_shapes(judged(data)) == []
+    return data
 
 
 def one_marker(
@@ -87,12 +98,10 @@ WRONG_SHAPE = {
 
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("which", WRONG_SHAPE)
-def test_a_body_of_another_shape_is_named(which: str, kind: str, tmp_path: Path) -> None:
+def test_a_body_of_another_shape_is_named(which: str, kind: str) -> None:
     """All of these were called good, with posts up to 1.1 mm off at ± 0.005 mm."""
     spoil, told = WRONG_SHAPE[which]
-    data = written(tmp_path, 0, **KINDS[kind])
-    assert says_of_shapes(judged(data)) == []
-    assessment = judged(spoil(data))
+    assessment = judged(spoil(sound(kind)))
     assert any(re.search(told, note) for note in assessment.notes), assessment.notes
     # Where ± are micrometres it is far beyond them.
     assert assessment.level == "bad" if kind == "clean" else assessment.level != "good"
@@ -120,12 +129,11 @@ def test_a_marker_that_is_left_out_spoils_nothing(part: str) -> None:
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_em_markers_of_another_size_are_no_distortion(kind: str, tmp_path: Path) -> None:
+def test_em_markers_of_another_size_are_no_distortion(kind: str) -> None:
     """A correction follows a part of it, and leaves the rest in all frames alike."""
-    data = of_body("em", lambda x: 1.01 * x)(written(tmp_path, 0, **KINDS[kind]))
-    notes = judged(data).notes
-    assert any(re.search(r"C markers lie 0\.99\d+ times as far apart", note) for note in notes)
-    assert judged(data).level == "bad"
+    found = judged(of_body("em", lambda x: 1.01 * x)(sound(kind)))
+    assert any(re.search(r"C markers lie 0\.99\d+ times as far", note) for note in found.notes)
+    assert found.level == "bad"
 
 
 def test_single_frames_of_a_body_are_named(tmp_path: Path) -> None:
@@ -138,9 +146,9 @@ def test_single_frames_of_a_body_are_named(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_a_tip_by_a_wrong_marker_is_not_good(kind: str, tmp_path: Path) -> None:
+def test_a_tip_by_a_wrong_marker_is_not_good(kind: str) -> None:
     """3 mm of one marker in one frame, which no other contradicts: the tip is up to 1.4 mm off."""
-    data = written(tmp_path, 0, **KINDS[kind])
+    data = sound(kind)
     for marker in (0, 2):
         nav = one_marker(data.navigation.em_nav, 3e-3, marker, frame=1)
         assessment = judged(replace(data, navigation=replace(data.navigation, em_nav=nav)))
@@ -150,11 +158,8 @@ def test_a_tip_by_a_wrong_marker_is_not_good(kind: str, tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("kind", ["noisy", "bent"])
 @pytest.mark.parametrize(("by", "word"), [(1, "late"), (-1, "early")])
-def test_base_readings_of_another_frame_are_named(
-    by: int, word: str, kind: str, tmp_path: Path
-) -> None:
-    rolled = of_readings("base", lambda x: np.roll(x, by, axis=0))
-    data = rolled(written(tmp_path, 0, **KINDS[kind]))
+def test_base_readings_of_another_frame_are_named(by: int, word: str, kind: str) -> None:
+    data = of_readings("base", lambda x: np.roll(x, by, axis=0))(sound(kind))
     for dewarp in (False, True):
         assessment = judged(data, dewarp=dewarp)
         assert assessment.level == "bad"
