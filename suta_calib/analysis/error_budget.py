@@ -225,13 +225,18 @@ class ErrorBudget(Displayable):
                 f"Largest part of the {errors}, without gross errors: {part} is {largest.words}"
             )
         care = [*self.missing]
-        shares = [(b.variance_of("gross") or 0.0) / b.variance for b in self.blocks if b.variance]
+        shares = [
+            ((b.variance_of("gross") or 0.0) / b.variance, b.data)
+            for b in self.blocks
+            if b.variance
+        ]
         # Half of a mean square are errors to look for, not to split.
-        if (worst := max(shares, default=0.0)) >= 0.5:
+        worst, data = max(shares, default=(0.0, ""))
+        if worst >= 0.5:
             part = text(worst, "%", decimals=0, with_unit=True)
             care.append(
-                f"Gross errors make up {part} of a mean square. The command suta-calib outliers "
-                "shows which touches they are."
+                f"Gross errors make up {part} of the mean square of the {data} errors. The command "
+                "suta-calib outliers shows which touches they are."
             )
         return Assessment.of(sentence, care=care)
 

@@ -84,7 +84,8 @@ class EyePoses:
         # Beyond these more poses are asked for.
         if displaced <= 2e-3 and turned <= from_deg(0.5):
             return ""
-        return f"X is known to ± {mm(displaced):.1f} mm and ± {deg(turned):.2f}° only (one sigma)"
+        size = f"± {mm(displaced):.1f} mm and ± {deg(turned):.2f}°"
+        return f"X is known to {size} only (one standard deviation)"
 
     @property
     def accuracy_text(self) -> str:

@@ -244,7 +244,7 @@ class Registration(Displayable, RobustAnswer):
         if unsure > 1e-3 or turned > from_deg(1.0):
             caution.append(
                 f"The middle of the points is known to ± {mm(unsure):.2f} mm only, and the turn to "
-                f"± {deg(turned):.2f}° (one sigma). Use more points, farther apart."
+                f"± {deg(turned):.2f}° (one standard deviation). Use more points, farther apart."
             )
         statement = (
             f"the middle of the points is known to ± {text(unsure, 'm', with_unit=True)} and the "

@@ -23,8 +23,8 @@ from suta_calib.units import key, shown, text, unit_name
 NAME: Final = "extend"
 TITLE: Final = "Errors other than geometry"
 CAPTION: Final = (
-    "RMS{unit}, each error counted up to the Huber threshold. Change: of the variance of left-out "
-    "rows against the job's model, with its standard error over the folds."
+    "RMS{unit}; an error beyond the Huber threshold counts as the threshold. Change: change of the "
+    "variance of left-out rows compared with the job's model, ± its standard error over the folds."
 )
 
 

@@ -181,7 +181,7 @@ def _hand(noise: PictureNoise) -> str:
     sentence = (
         f"each pose of the hand is off by {mm(noise.position.value):.3f} mm "
         f"({mm(low):.3f} to {mm(high):.3f}) and {deg(noise.rotation.value):.3f}° "
-        f"({deg(from_turn):.3f} to {deg(to_turn):.3f}) about each axis (one sigma)"
+        f"({deg(from_turn):.3f} to {deg(to_turn):.3f}) about each axis (one standard deviation)"
     )
     shift, turn = noise.shared
     if shift == 0.0:

@@ -358,17 +358,17 @@ def _like_geometry(examined: CalibrationExamination, fewer: CalibrationExaminati
             [
                 *repeats,
                 "The residuals look like errors of dimensions that the job fixes.",
-                f"{_with_it(gain)}.",
+                f"{_with_it(gain, 'they are')}.",
                 "Estimate these dimensions (select: geometric, with prior_mm and prior_deg).",
             ]
         )
     ]
 
 
-def _with_it(gain: ExtensionGain) -> str:
-    """What estimating it as well does to the errors of rows that were left out."""
+def _with_it(gain: ExtensionGain, this_is: str = "this is") -> str:
+    """Effect of estimating it on the errors of rows that were left out of the fit."""
     before, after = (text(rms, gain.unit, with_unit=True) for rms in (gain.before, gain.after))
     return (
-        f"If this is estimated too, the error of rows left out of the fit falls from {before} to "
+        f"If {this_is} estimated too, the error of rows left out of the fit falls from {before} to "
         f"{after}"
     )
