@@ -272,7 +272,7 @@ class ArmSpec(Displayable):
     )
     loops: tuple[Loop, ...] = keyed(
         rows(read_loop, LOOP_KEYS),
-        "Closed loops that hang on the tree of the URDF, as the four-bar of a palletizing arm: "
+        "Closed loops beside the tree of the URDF, such as the four-bar of a palletizing arm: "
         "two frames that a pin joins, and the two joints without an encoder.",
         (),
     )

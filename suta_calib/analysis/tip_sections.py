@@ -1,4 +1,4 @@
-"""Sections through the workspace: where the tip gets, and how sure it is there."""
+"""Sections through the workspace: where the tip can be, and its uncertainty there."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ class Knowledge(Displayable):
 
     @classmethod
     def of(cls, solution: Solution, chain: str = "") -> Knowledge:
-        """What a solution says of the arm, or of a chain, with the readings of its samples."""
+        """From a solution, for the arm or a chain, with the readings of its samples."""
         problem = solution.problem
         assert problem.arm is not None
         arm = problem.arm.chosen(chain)
@@ -73,7 +73,7 @@ class Knowledge(Displayable):
         fixed: Sequence[str],
         open_directions: Sequence[tuple[str, Mapping[str, float], float]] = (),
     ) -> Knowledge:
-        """What a result says of an arm whose samples are not known: anywhere within its limits."""
+        """From a result without samples: postures anywhere within the joint limits."""
         # Postures to start searches from where nothing is known of any.
         q = InverseKinematics(arm, {}).random_readings(np.random.default_rng(0), 400)
         return cls(arm, values, tuple(names), covariance, tuple(fixed), q, tuple(open_directions))
@@ -85,7 +85,7 @@ class Knowledge(Displayable):
 
     @cached_property
     def farthest(self) -> float:
-        """Beyond this distance from the base the tip does not get, m."""
+        """Largest distance of the tip from the base, m."""
         q = self.kinematics.random_readings(np.random.default_rng(0), 4000)
         _, position = self.arm.forward(q, self.values)
         # Beyond the farthest the tip gets, nothing needs to be tried.

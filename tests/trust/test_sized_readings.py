@@ -53,7 +53,7 @@ def test_a_wrap_that_was_missed_is_undone(name: str, parts: int) -> None:
     way = "little" if parts > 0 else "much"
     assert sentence.startswith(
         f"joint_5 reads {360 / abs(parts):.4f} deg too {way} in {rows.sum()} of {len(rows)} rows, "
-        "where it truly is above"
+        "in which its true angle is above"
     )
     np.testing.assert_allclose(term.poses.samples.q, samples_of(s).q, atol=1e-9)
 

@@ -213,7 +213,7 @@ def _settled(touches: _Touches, joint: int, size: float) -> tuple[float, FloatAr
     x = touches.registered(touches.none)
     for _ in range(10):
         right = touches.squares(touches.none, x)
-        # So finely the step is told.
+        # Resolution of the step.
         tried = size + np.radians(np.arange(-6.0, 6.01, 0.5))
         wrong = np.array([touches.squares(touches.shifted(joint, by), x) for by in tried])
         best = int(np.argmin(np.sum(np.minimum(wrong, right), axis=1)))
@@ -246,7 +246,7 @@ def _where(touches: _Touches, step: _Step) -> str:
         return f"from {touches.origin[first]} to {touches.origin[last]}"
     q = touches.q[:, step.joint] + np.where(step.rows, step.size, 0.0)
     files = np.concatenate([term.poses.samples.file_names for term in touches.terms])
-    count = f"in {len(in_rows)} of {len(q)} rows, where it truly is"
+    count = f"in {len(in_rows)} of {len(q)} rows, in which its true angle is"
     for sign, side in ((1.0, "above"), (-1.0, "below")):
         if _beyond(sign * q, step.rows) >= len(in_rows) - doubt:
             edge = sign * np.sort(sign * q[step.rows])[int(doubt)]

@@ -71,7 +71,7 @@ def _of_chain(answer: Solution, arm: ArmModel, q: FloatArray) -> Iterator[tuple[
         return
     names = [f"{joint}.offset" for joint in arm.own_joints]
     steps = steps[[arm.joints.index(joint) for joint in arm.own_joints]]
-    # Rows whose postures show how the tip hangs on the joints.
+    # Rows whose postures show how the tip depends on the joints.
     shown = q[:: math.ceil(len(q) / 200)]
     jacobian = sensitivity(arm, answer.values, names, shown).jacobian
     # Anywhere within a step is as likely; of one axis of three.
