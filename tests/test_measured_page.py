@@ -5,9 +5,11 @@ from __future__ import annotations
 from pathlib import Path
 from types import ModuleType
 
+import numpy as np
 import pytest
 
 from suta_calib import CalibrationJob
+from suta_calib.arrays import FloatArray
 
 
 @pytest.fixture
@@ -46,3 +48,30 @@ def test_folders(measured: ModuleType, tmp_path: Path) -> None:
     with pytest.raises(SystemExit, match=r"found no calibration\.yaml"):
         list(measured.jobs([tmp_path]))
     assert measured.figaroh_version(str(tmp_path / "no_python")) is None
+
+
+def test_chance(measured: ModuleType, repository: Path) -> None:
+    job = CalibrationJob.load(repository / "examples" / "panda_sockets" / "calibration.yaml")
+    units = measured.units_of(job.validation)
+    assert units.max() + 1 == 7, "placements are drawn whole"
+    rng = np.random.default_rng(1)
+    error = 1e-3 * np.abs(rng.standard_normal(200))
+    rows = np.arange(200)
+    # The same samples for both: a constant factor is found, though the errors scatter far more.
+    low, high = measured.interval(0.97 * error, error, rows)
+    assert low < high < 0
+    low, high = measured.interval(error, rng.permutation(error), rows)
+    assert low < 0 < high
+    assert measured.interval(error, error, rows) == (0.0, 0.0)
+
+    def page(ours: FloatArray) -> str:
+        both = [
+            measured.Row(name, measured.Answer(errors, 0.0))
+            for name, errors in (("plain SciPy", error), (measured.OURS, ours))
+        ]
+        return measured.chances({"an arm": both}, {"an arm": rows})
+
+    assert "| ours better |" in page(0.97 * error)
+    assert "| ours worse |" in page(1.03 * error)
+    assert "| within chance |" in page(rng.permutation(error))
+    assert "| level |" in page(error)
