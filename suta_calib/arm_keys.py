@@ -8,6 +8,8 @@ from functools import partial
 from pathlib import Path
 from typing import Any, Final, TypeVar
 
+import numpy as np
+
 from suta_calib.arrays import FloatArray
 from suta_calib.display import Displayable
 from suta_calib.errors import JobError, ParameterError, UrdfError, did_you_mean
@@ -32,10 +34,19 @@ from suta_calib.measurements.fields import (
 )
 from suta_calib.measurements.scale import GRADES
 from suta_calib.model.arm import ArmModel
+from suta_calib.model.cell import within
 from suta_calib.model.loop import Loop
-from suta_calib.model.parameters import POSITION, Selection, coupling_key
+from suta_calib.model.parameters import (
+    POSITION,
+    ROTATION,
+    Selection,
+    base_owner,
+    coupling_key,
+)
 from suta_calib.model.robot import Robot, chosen_chain
+from suta_calib.terms.given_pose import POSE_KEYS, GivenPose
 from suta_calib.units import from_mm
+from suta_calib.words import seen_from
 
 _AnyMechanism = TypeVar("_AnyMechanism", ArmModel, Robot, ArmModel | Robot)
 
@@ -248,9 +259,61 @@ def _chains(arm: YamlSection, key: str) -> dict[str, ChainSpec]:
     return chains
 
 
+@dataclass(frozen=True, eq=False)
+class CellRobot(Displayable):
+    """One of several robots in one cell: an entry of ``robots``."""
+
+    urdf: UrdfFile = keyed(URDF)
+    tip: str = keyed(replace(TIP, required=False), "", "")
+    base: str | None = keyed(BASE, "", None)
+    chains: Mapping[str, ChainSpec] = keyed(
+        Value("chains by name", _chains, fields_of(ChainSpec)),
+        "Several chains of this robot, in place of tip. Rows call them NAME_CHAIN.",
+        dict,
+    )
+    tip_offset: TipOffset | None = keyed(_TIP_OFFSET, "", None)
+    pose: GivenPose | None = keyed(
+        Value("mapping", lambda row, key: GivenPose.read(row.section(key)), POSE_KEYS),
+        "Where its base stands in the base of the first robot; without it, it is estimated.",
+        None,
+    )
+
+    def in_cell(self, name: str) -> dict[str, ChainSpec]:
+        """Its chains, as the cell calls them."""
+        if self.tip:
+            chains = {name: ChainSpec(self.tip, None, self.tip_offset)}
+        else:
+            chains = {f"{name}_{chain}": spec for chain, spec in self.chains.items()}
+        return {
+            chain: replace(spec, tip=within(name, spec.tip), base=base and within(name, base))
+            for chain, spec in chains.items()
+            for base in [spec.base or self.base]
+        }
+
+    def selections(self, name: str) -> list[Selection]:
+        """Rows of the placement of its base among a job's parameters."""
+        at, turn = (
+            tuple(f"{base_owner(name)}.{key}" for key in keys) for keys in (POSITION, ROTATION)
+        )
+        pose = self.pose
+        if pose is None:
+            return [Selection((*at, *turn))]
+        prior = None if pose.position_std is None else float(pose.position_std[0])
+        rows = [Selection(at, prior_m=prior, fixed=True, line=pose.line)]
+        if pose.rotation is None:
+            return [*rows, Selection(turn)]
+        std = pose.rotation_std
+        return [*rows, Selection(turn, prior_rad=std, fixed=True, line=pose.line)]
+
+
 @dataclass(frozen=True)
 class ArmSpec(Displayable):
-    """The key ``arm`` of a job; ``section`` is where it stands, None for no job."""
+    """The key ``arm`` of a job; ``section`` is where it stands, None for no job.
+
+    Attributes:
+        robots: of a cell, by name (the key ``robots`` in place of ``arm``); its chains are then
+            those of all of them.
+    """
 
     urdf: UrdfFile = keyed(URDF)
     tip: str = keyed(replace(TIP, required=False), "", "")
@@ -285,6 +348,17 @@ class ArmSpec(Displayable):
         "less than that of machined parts.",
         "",
     )
+    robots: Mapping[str, CellRobot] = field(default_factory=dict)
+
+    @property
+    def selections(self) -> tuple[Selection, ...]:
+        """Rows among a job's parameters, before its own, of what it says of the arm."""
+        bases = [*self.robots.items()][1:]
+        return (
+            *(offset.selection(tip) for tip, offset in self.tips.items() if offset is not None),
+            *([] if self.couplings is None else [self.couplings.selection]),
+            *(row for name, robot in bases for row in robot.selections(name)),
+        )
 
     @property
     def tips(self) -> dict[str, TipOffset | None]:
@@ -342,7 +416,25 @@ class ArmSpec(Displayable):
         return self.model() if not self.chains else self._completed(partial(self._robot, pairs))
 
     def _robot(self, pairs: Iterable[tuple[str, str]]) -> Robot:
-        return Robot.from_urdf(self.urdf, self.ends(pairs), self.loops)
+        ends = self.ends(pairs)
+        if not self.robots:
+            return Robot.from_urdf(self.urdf, ends, self.loops)
+        given = {name: robot.pose for name, robot in self.robots.items() if robot.pose is not None}
+        poses = {
+            name: (np.eye(3) if pose.rotation is None else pose.rotation, pose.position)
+            for name, pose in given.items()
+        }
+        cell = Robot.of_cell({n: robot.urdf for n, robot in self.robots.items()}, ends, poses)
+        passed = {parameter.owner for parameter in cell.parameters.values()}
+        for name in [*self.robots][1:]:
+            if base_owner(name) not in passed and self.section is not None:
+                raise self.section.refuse(
+                    f"chains of {name} that all begin at a link of its own",
+                    f"one that begins at the base of {next(iter(self.robots))}",
+                    at=(name,),
+                    hint="leave out base, or name a base_chain of the other robot in a row",
+                )
+        return cell
 
     def model(self, chain: str = "", base_chain: str = "") -> ArmModel:
         """The arm at nominal; of several chains the one of this name, as a row names it.
@@ -403,16 +495,13 @@ class ArmSpec(Displayable):
 
     def _of(self, urdf: UrdfFile) -> ArmSpec:
         chains = {n: replace(chain, tip_offset=None) for n, chain in self.chains.items()}
-        return replace(self, urdf=urdf, tip_offset=None, chains=chains, section=None)
-
-
-def seen_from(seen: str, seeing: str) -> str:
-    """The name of the chain that ends at one tip and begins at another; nothing for the base."""
-    return f"{seen} seen from {seeing}" if seeing else seen
+        return replace(self, urdf=urdf, tip_offset=None, chains=chains, section=None, robots={})
 
 
 def read_arm(top: YamlSection, urdf: UrdfFile | None = None) -> ArmSpec:
     """The key ``arm`` of a job or a simulation, ``urdf`` in place of the file that it names."""
+    if "robots" in top:
+        return _read_cell(top, urdf)
     section = top.section("arm")
     # A calibrated one has the offset in it.
     other: dict[str, Any] = {} if urdf is None else {"urdf": urdf, "tip_offset": None}
@@ -424,3 +513,37 @@ def read_arm(top: YamlSection, urdf: UrdfFile | None = None) -> ArmSpec:
             hint = "write it into the entry of its chain"
             raise section.refuse(f"{key} beside chains", "one or the other", at=(key,), hint=hint)
     return arm
+
+
+ROBOTS: Final = Field(
+    "robots",
+    Value("robots by name", inside=fields_of(CellRobot)),
+    "Several robots in one cell, in place of arm: {a: {urdf: a.urdf, tip: tool0}, b: {urdf: "
+    "b.urdf, tip: tool0}}. Every row names its chain: the robot's name, or NAME_CHAIN. Links, "
+    "joints and parameters are called after the robot: a/joint_1.offset.",
+)
+
+
+def _read_cell(top: YamlSection, urdf: UrdfFile | None) -> ArmSpec:
+    """The key ``robots``: the chains of all of them."""
+    section = top.section("robots")
+    if "arm" in top:
+        raise top.refuse("arm beside robots", "one or the other", at=("arm",))
+    names = [str(name) for name in section.data]
+    if len(names) < 2:
+        hint = "one robot is written under arm"
+        raise top.refuse(f"{len(names)} robot", "two robots at least", at=("robots",), hint=hint)
+    robots = {name: read_as(CellRobot, section.section(name)) for name in names}
+    for name, robot in robots.items():
+        where = section.section(name)
+        if bool(robot.tip) == bool(robot.chains):
+            found = "both tip and chains" if robot.tip else "neither tip nor chains"
+            raise where.refuse(found, "one of them")
+    if robots[names[0]].pose is not None:
+        expected = "none: its base is that of the cell"
+        hint = "give the pose of the other robot's base in it"
+        where = section.section(names[0])
+        raise where.refuse("a pose of the first robot", expected, at=("pose",), hint=hint)
+    chains = {c: spec for name, robot in robots.items() for c, spec in robot.in_cell(name).items()}
+    spec = ArmSpec(robots[names[0]].urdf, chains=chains, section=section, robots=robots)
+    return spec if urdf is None else replace(spec._of(urdf), section=section)

@@ -40,3 +40,8 @@ def combination(direction: Mapping[str, float], held: str = "") -> str:
         sign = "−" if factor < 0 else "+"
         parts.append(f"{sign} {times}{name}")
     return " ".join(parts).removeprefix("+ ")
+
+
+def seen_from(seen: str, seeing: str) -> str:
+    """The name of the chain that ends at one tip and begins at another; nothing for the base."""
+    return f"{seen} seen from {seeing}" if seeing else seen

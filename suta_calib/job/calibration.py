@@ -32,6 +32,7 @@ from suta_calib.model.robot import Robot
 from suta_calib.plotting.scene import Scene
 from suta_calib.solver.options import SolverOptions
 from suta_calib.solver.problem import Problem
+from suta_calib.solver.robot_bases import with_bases_found
 from suta_calib.solver.solution import Estimate, Solution
 from suta_calib.solver.solve import Progress, solve
 from suta_calib.terms import Term
@@ -115,7 +116,8 @@ class CalibrationJob(Displayable):
         read = partial(read_term, arm, job=spec.path, artefact=cache(read_artefact))
         observations = [read(row, fitted=True) for row in spec.observations]
         validation = [read(row) for row in spec.validation]
-        return cls(spec, arm, parameters, *held_together(spec, observations, validation))
+        terms = held_together(spec, observations, validation)
+        return cls(spec, arm, with_bases_found(terms[0], parameters), *terms)
 
     @classmethod
     def of_terms(
@@ -161,6 +163,7 @@ class CalibrationJob(Displayable):
             tuple(map(row_of, held_out)),
         )
         terms = held_together(spec, fitted, held_out)
+        parameters = with_bases_found(terms[0], parameters)
         return cls(spec, arm, parameters, *terms, chosen=options)
 
     @property

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from pathlib import Path
 from typing import Any, Final
 
@@ -67,7 +67,10 @@ def unknowns_of(arm: AnyArm, free: Free) -> tuple[tuple[Selection, ...], Paramet
         return (), free
     several: Any = free if isinstance(free, Iterable) and not isinstance(free, str) else [free]
     given = [*several]
+    bases = arm.unplaced if isinstance(arm, Robot) else ()
     rows, expected = list[Selection](), "names, globs, Selections or 'geometric'"
+    if bases:
+        rows.append(Selection(bases))
     if not given:
         raise ParameterError("nothing to estimate", expected, where="calibrate: free")
     for row in given:
@@ -77,10 +80,17 @@ def unknowns_of(arm: AnyArm, free: Free) -> tuple[tuple[Selection, ...], Paramet
     if given != [GEOMETRIC]:
         chosen = arm.select(*rows)
         arm.check_masses_felt(chosen)
-        return tuple(rows), with_usual_priors(chosen.values())
+        return tuple(rows), _with_usual_priors(chosen, bases)
     rows.append(Selection(f"*.{OFFSET}"))
     chosen = arm.select(*rows)
-    return tuple(rows), with_usual_priors(p for n, p in chosen.items() if n not in arm.like_offsets)
+    unlike = ParameterSet(p for n, p in chosen.items() if n not in arm.like_offsets)
+    return tuple(rows), _with_usual_priors(unlike, bases)
+
+
+def _with_usual_priors(chosen: ParameterSet, bases: Collection[str]) -> ParameterSet:
+    """`with_usual_priors`, but of bases that may stand anywhere."""
+    usual = with_usual_priors(chosen.values())
+    return ParameterSet(p if name in bases else usual[name] for name, p in chosen.items())
 
 
 def row_of(term: Term) -> ObservationSpec:

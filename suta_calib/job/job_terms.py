@@ -9,7 +9,6 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from suta_calib.arm_keys import seen_from
 from suta_calib.errors import InputError, JobError, SamplesError, SutaCalibWarning
 from suta_calib.job.schema import JobSpec, ObservationSpec
 from suta_calib.measurements import (
@@ -25,6 +24,7 @@ from suta_calib.terms import KINDS, ArmPoses, Noise, Setup, Term
 from suta_calib.terms.poses import joint_ranges
 from suta_calib.terms.several_chains import labelled
 from suta_calib.trust.patterns import may_read_alike
+from suta_calib.words import seen_from
 
 
 def read_arm_samples(arm: ArmModel, files: Sequence[Path], kind: str) -> Samples:

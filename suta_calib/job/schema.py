@@ -11,7 +11,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Final, Literal, get_args
 
-from suta_calib.arm_keys import ArmSpec, read_arm
+from suta_calib.arm_keys import ROBOTS, ArmSpec, CellRobot, read_arm
 from suta_calib.display import Displayable
 from suta_calib.errors import JobError
 from suta_calib.job.keys import BOUND_AND_PRIOR_KEYS, COMMON_KEYS, OBSERVATION_KEYS, SELECTION_KEYS
@@ -219,7 +219,9 @@ class JobSpec(Displayable):
 
     path: Path
     arm: ArmSpec = keyed(
-        Value("mapping", inside=fields_of(ArmSpec)), "The arm: its URDF, base and tip."
+        Field(
+            "arm", Value("mapping", inside=fields_of(ArmSpec)), "The arm: its URDF, base and tip."
+        )
     )
     parameters: tuple[Selection, ...] = keyed(
         Field(
@@ -238,6 +240,7 @@ class JobSpec(Displayable):
         "observations. A row whose folder is empty is left out, with a warning.",
         (),
     )
+    robots: Mapping[str, CellRobot] = keyed(ROBOTS, "", dict)
     solver: SolverSpec = keyed(mapping(SolverSpec), "Options of the solver.", SolverSpec())
     rule: Rule = keyed(mapping(Rule), "Thresholds for reports of wrong data.", Rule())
     encoders: EncoderSpec | None = keyed(
@@ -273,15 +276,12 @@ def read_job(path: Path) -> JobSpec:
             at=("parameters",),
             hint='for example - {select: ["*.offset"], bound_deg: 15}',
         )
-    spec = read_as(JobSpec, top, path=path, arm=read_arm(top))
+    arm = read_arm(top)
+    spec = read_as(JobSpec, top, path=path, arm=arm, robots=arm.robots)
     # Later rows win: what the job says of the tip, and of couplings, counts.
     for row, section in _rows(spec, top):
         spec.arm.check_chain(section, row.chain, row.base_chain)
-    first = [
-        *(offset.selection(tip) for tip, offset in spec.arm.tips.items() if offset is not None),
-        *([] if spec.arm.couplings is None else [spec.arm.couplings.selection]),
-    ]
-    return replace(spec, parameters=(*first, *spec.parameters))
+    return replace(spec, parameters=(*spec.arm.selections, *spec.parameters))
 
 
 def _rows(spec: JobSpec, top: YamlSection) -> Iterator[tuple[ObservationSpec, YamlSection]]:

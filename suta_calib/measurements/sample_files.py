@@ -57,6 +57,7 @@ class JointRange(Displayable):
         followers: joints of the chain without a column of their own, which follow this reading.
         optional: whether it is zero where the file has no such column: of another chain, which only
             hangs on this one's joints.
+        short: what its column may be called too; empty for nothing else.
     """
 
     name: str
@@ -65,6 +66,7 @@ class JointRange(Displayable):
     upper: float
     followers: tuple[str, ...] = ()
     optional: bool = False
+    short: str = ""
 
     def __str__(self) -> str:
         return f"[{self.lower:.4g}, {self.upper:.4g}] {self.unit}"
@@ -134,6 +136,7 @@ def read_samples(
     for joint in joints:
         if joint.optional:
             _everywhere(tables, *NumberColumn(joint.name, joint.unit).names)
+    tables = [_with_full_names(table, joints) for table in tables]
     with_direction = {
         j.name for j in joints if all(_direction(j.name) in t.columns for t in tables)
     }
@@ -329,6 +332,21 @@ def _readings(table: CsvTable, joints: Sequence[JointRange]) -> FloatArray:
             hint += f", or call the column {name}_{'deg' if joints[k].unit == 'rad' else 'mm'}"
         raise table.refuse(row, name, f"{q[k, row]:.6g}", expected, hint)
     return q.reshape(-1, len(table)).T
+
+
+def _with_full_names(table: CsvTable, joints: Sequence[JointRange]) -> CsvTable:
+    """The table with the full names of joints whose columns have the short ones."""
+    full = {
+        short: long
+        for joint in joints
+        if joint.short
+        for suffix in ("", "_deg", "_mm", ".direction")
+        for short, long in [(f"{joint.short}{suffix}", f"{joint.name}{suffix}")]
+        if short in table.columns and long not in table.columns
+    }
+    if not full:
+        return table
+    return replace(table, columns={full.get(n, n): cells for n, cells in table.columns.items()})
 
 
 def _reading(table: CsvTable, joint: JointRange) -> FloatArray:

@@ -210,13 +210,23 @@ class Mechanism(Displayable):
         """
         return urdf_bytes(*self.urdf, self.origins(values))
 
+    def calibrated_urdfs(self, values: Mapping[str, float]) -> dict[str, bytes]:
+        """`calibrated_urdf` of each robot of a cell, by its name; empty for a robot alone."""
+        del values
+        return {}
+
     def write_urdf(self, destination: str | Path, values: Mapping[str, float]) -> None:
         """Write `calibrated_urdf` of these values to a file.
+
+        Of a cell it has all robots in it; the URDF of each is beside it, as ``NAME_robot.urdf``.
 
         Raises:
             OutputError: the file could not be written; nothing is left half-written.
         """
-        write_bytes_atomically(destination, self.calibrated_urdf(values))
+        path = Path(destination)
+        write_bytes_atomically(path, self.calibrated_urdf(values))
+        for robot, data in self.calibrated_urdfs(values).items():
+            write_bytes_atomically(path.with_name(f"{path.stem}_{robot}{path.suffix}"), data)
 
 
 def union(sets: Sequence[ParameterSet]) -> ParameterSet:

@@ -71,6 +71,8 @@ SCALE: Final[dict[Unit, float]] = {
     "px": 1.0,
     "1": 0.01,
 }
+# How far the base of a robot in a cell may be from where its URDF has it: anywhere in the room.
+PLAUSIBLE_BASE: Final[dict[Unit, float]] = {"m": 0.5, "rad": 1.0}
 # How far a geometric parameter without a bound may plausibly be off: only used to judge whether
 # the data tell anything about it, never to limit it.
 PLAUSIBLE: Final[dict[Unit, float]] = {
@@ -92,6 +94,16 @@ LEAST_SIZE: Final = 1e-12
 PLAUSIBLE_ECCENTRICITY: Final = from_deg(1.0)
 # Of a mass that a URDF states: cables, covers and screws are often left out of it.
 PLAUSIBLE_MASS: Final = 0.3
+
+
+def base_owner(robot: str) -> str:
+    """What the placement of a robot's base in a cell is called (`model.cell`)."""
+    return f"robot[{robot}]"
+
+
+def is_base(owner: str) -> bool:
+    """Whether parameters are the placement of a robot's base in a cell."""
+    return owner.startswith("robot[") and owner.endswith("]")
 
 
 @dataclass(frozen=True)
@@ -168,12 +180,13 @@ class Parameter:
         # No mass is below zero, and how far off it may be is a share of it.
         weighs = self.unit == "kg"
         least = 0.0 if weighs else -math.inf
+        stays = bound is None and (weighs or is_base(self.owner))
         return replace(
             self,
             lower=max(self.nominal - half, least),
             upper=self.nominal + half,
             prior=prior,
-            plausible=self.plausible if weighs and bound is None else math.nan,
+            plausible=self.plausible if stays else math.nan,
             free=True,
             prior_fixed=prior_fixed,
         )

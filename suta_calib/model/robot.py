@@ -1,4 +1,4 @@
-"""Several chains of one URDF that share joints: two arms on a torso, a head that sees a hand."""
+"""Several chains of one URDF, or of a cell, that share joints: two arms on a torso, two robots."""
 
 from __future__ import annotations
 
@@ -13,12 +13,14 @@ from suta_calib.errors import ParameterError, did_you_mean
 from suta_calib.inputs import XacroFile
 from suta_calib.model.arm import ArmModel, tip_owner
 from suta_calib.model.bodies import Bodies
+from suta_calib.model.cell import BasePose, CellTree, joined_tree, within
 from suta_calib.model.chain import Chain, ChainJoint, chain_of
 from suta_calib.model.kinematic_urdf import moving_model
 from suta_calib.model.kinematics import Segment
 from suta_calib.model.loop import Loop, with_loops
 from suta_calib.model.mechanism import Mechanism, Origins, union
-from suta_calib.model.parameters import MASS, ParameterSet
+from suta_calib.model.parameters import MASS, ParameterSet, base_owner, is_base
+from suta_calib.model.urdf import urdf_bytes
 from suta_calib.model.urdf_tree import UrdfTree, read_tree
 
 
@@ -72,6 +74,60 @@ class Robot(Mechanism):
         robot = cls({}, read_tree(urdf), loops)
         robot._add({name: robot._read(*ends) for name, ends in (chains or {}).items()})
         return robot
+
+    @classmethod
+    def of_cell(
+        cls,
+        urdfs: Mapping[str, str | Path | XacroFile],
+        chains: Mapping[str, tuple[str, str | None]] | None = None,
+        poses: Mapping[str, BasePose] | None = None,
+    ) -> Robot:
+        """Read several robots in one cell.
+
+        ::
+
+            cell = Robot.of_cell({"a": "left.urdf", "b": "right.urdf"})
+            left, right = cell.chain(tip="a/tool0"), cell.chain(tip="b/tool0")
+
+        Links, joints and parameters are called as in their own URDF, after the name of the robot:
+        ``a/joint_1.offset``. The base of the first robot is that of the cell. The bases of the
+        others stand in it at ``robot[b].x … robot[b].rz``.
+
+        Args:
+            urdfs: by the name of the robot, as of `from_urdf`.
+            chains: as of `from_urdf`; the base of the first robot by default.
+            poses: rotation (3, 3) and position (3,), m, of a robot's base in that of the first one.
+                `calibrate` estimates the poses that are not given.
+
+        Raises:
+            UrdfError: as of `from_urdf`, or a name or a pose of no robot.
+        """
+        robot = cls({}, joined_tree(urdfs, poses or {}))
+        robot._add({name: robot._read(*ends) for name, ends in (chains or {}).items()})
+        return robot
+
+    @property
+    def unplaced(self) -> tuple[str, ...]:
+        """Names of the placements of bases in a cell that nobody gave and that chains pass."""
+        if not isinstance(self._tree, CellTree):
+            return ()
+        given = {base_owner(name) for name in self._tree.placed}
+        every = self.parameters.items()
+        return tuple(n for n, p in every if is_base(p.owner) and p.owner not in given)
+
+    def calibrated_urdfs(self, values: Mapping[str, float]) -> dict[str, bytes]:
+        """Of each robot of a cell."""
+        if not isinstance(self._tree, CellTree):
+            return {}
+        origins = self.origins(values)
+        return {
+            name: urdf_bytes(
+                tree.path,
+                tree.data,
+                {j: origins[k] for j in tree.joints for k in [within(name, j)] if k in origins},
+            )
+            for name, tree in self._tree.members.items()
+        }
 
     def chain(self, tip: str, base: str | None = None, name: str = "") -> ArmModel:
         """The chain from ``base`` to ``tip``, as part of this robot.

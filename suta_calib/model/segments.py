@@ -19,12 +19,15 @@ from suta_calib.model.parameters import (
     GAIN,
     MASS,
     OFFSET,
+    PLAUSIBLE,
+    PLAUSIBLE_BASE,
     PLAUSIBLE_ECCENTRICITY,
     PLAUSIBLE_MASS,
     POSITION,
     ROTATION,
     Parameter,
     coupling_key,
+    is_base,
 )
 
 
@@ -68,10 +71,11 @@ def segment_of(
 
 def geometric_parameters(segment: Segment) -> Iterator[Parameter]:
     """Its placement relative to its parent link, and the offset of its encoder."""
+    plausible = PLAUSIBLE_BASE if is_base(segment.owner) else PLAUSIBLE
     for key, nominal in zip(POSITION, segment.position, strict=True):
-        yield Parameter(segment.owner, key, "m", float(nominal))
+        yield Parameter(segment.owner, key, "m", float(nominal), plausible=plausible["m"])
     for key in ROTATION:
-        yield Parameter(segment.owner, key, "rad")
+        yield Parameter(segment.owner, key, "rad", plausible=plausible["rad"])
     if segment.read:
         yield Parameter(segment.owner, OFFSET, "m" if segment.motion == "prismatic" else "rad")
 

@@ -115,7 +115,7 @@ def read_tree(path: str | Path | XacroFile, data: bytes | None = None) -> UrdfTr
         raise refusal(path, robot, problem, "<robot>")
     leftover = tuple(e for e in robot.iter() if tag_of(e).startswith("xacro:"))
     try:
-        return _tree_of(path, data, robot, leftover)
+        return tree_of(path, data, robot, leftover)
     except UrdfError as problem:
         # What is wrong may be what xacro would have made right.
         raise unexpanded(path, leftover) or problem from None
@@ -145,7 +145,8 @@ def _given(urdf: str | Path | XacroFile) -> tuple[Path, bytes]:
         raise UrdfError(f"text that cannot be encoded ({error})", expected, file=_TEXT) from None
 
 
-def _tree_of(path: Path, data: bytes, robot: Element, leftover: tuple[Element, ...]) -> UrdfTree:
+def tree_of(path: Path, data: bytes, robot: Element, leftover: tuple[Element, ...]) -> UrdfTree:
+    """The checked tree of a ``<robot>``, as `read_tree` gives it."""
     links = _by_name(path, robot, "link")
     elements = _by_name(path, robot, "joint")
     if not elements:

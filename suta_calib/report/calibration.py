@@ -431,6 +431,11 @@ def _files(result: Calibration) -> list[File]:
             CALIBRATED if result.assessment.usable else NOT_USABLE,
             lambda: result.job.arm.calibrated_urdf(solution.values),
         ),
+        *(
+            File(f"{name.removesuffix('.urdf')}_{robot}.urdf", partial(bytes, data))
+            for name in [CALIBRATED if result.assessment.usable else NOT_USABLE]
+            for robot, data in result.job.arm.calibrated_urdfs(solution.values).items()
+        ),
         File("residuals.csv", lambda: _residuals(result)),
         # With what it was made of the folder can go elsewhere; arrays are in no file.
         *(

@@ -12,7 +12,7 @@ from typing import Any, Final, TypeVar
 import numpy as np
 
 from suta_calib.arguments import checked
-from suta_calib.arm_keys import CHAIN_KEYS, ArmSpec, read_arm
+from suta_calib.arm_keys import CHAIN_KEYS, ROBOTS, ArmSpec, read_arm
 from suta_calib.arrays import FloatArray
 from suta_calib.display import Displayable
 from suta_calib.errors import JobError
@@ -368,8 +368,8 @@ SIMULATION_KEYS: Final = Fields(
         "arm",
         Value("mapping", inside=fields_of(ArmSpec)),
         "The nominal arm: as in calibration.yaml.",
-        required=True,
     ),
+    ROBOTS,
     Field("seed", whole_number(0), "Seed of all random numbers; default 0."),
     Field(
         "posture_deg",

@@ -13,7 +13,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from suta_calib.arguments import checked
-from suta_calib.arm_keys import seen_from
 from suta_calib.arrays import FloatArray
 from suta_calib.display import Displayable
 from suta_calib.errors import JobError, ParameterError
@@ -36,6 +35,7 @@ from suta_calib.simulation.protocol import TruePose, Visitor, Visits, own_values
 from suta_calib.simulation.schema import ErrorRow, SetSpec, SimulationSpec
 from suta_calib.terms import ArmPoses, Observed, Setup
 from suta_calib.units import key
+from suta_calib.words import seen_from
 
 
 @dataclass(frozen=True, eq=False)

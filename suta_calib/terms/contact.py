@@ -15,14 +15,15 @@ from suta_calib.errors import SamplesError
 from suta_calib.geometry.symbols import Symbol
 from suta_calib.measurements import SampleColumns
 from suta_calib.measurements.fields import LENGTH_OR_0, Field, choice
-from suta_calib.model.parameters import POSITION
+from suta_calib.model.kinematics import Segment
+from suta_calib.model.parameters import POSITION, is_base
 from suta_calib.terms.block import Block, Pose, norm
 from suta_calib.terms.external_frame import ExternalFrame
 from suta_calib.terms.given_pose import GivenPose, PriorValue
 from suta_calib.terms.observed import Observed
 from suta_calib.terms.places import PlaceTerm
 from suta_calib.terms.plane import PlaneFrame, TouchedPlane, signed_distance
-from suta_calib.terms.poses import PoseSource
+from suta_calib.terms.poses import ArmPoses, PoseSource
 from suta_calib.terms.range import MeasuredRange, anchor_of
 from suta_calib.terms.term import Gap
 from suta_calib.units import mm
@@ -122,6 +123,10 @@ class Contact(PlaceTerm):
     def place_keys(self) -> tuple[str, ...]:  # type: ignore[override]
         """Of the unknowns of what is touched."""
         return TouchedPlane.place_keys if self.surface == "plane" else POSITION
+
+    @property
+    def _segments(self) -> tuple[Segment, ...]:
+        return self.poses.arm.segments if isinstance(self.poses, ArmPoses) else ()
 
     @property
     def _spots(self) -> bool:
@@ -228,7 +233,8 @@ class Contact(PlaceTerm):
                     f"every spot touched at least {fewest} times, because its place is unknown",
                     hint="is its label misspelt?",
                 )
-        if self._spots:
+        if self._spots or any(is_base(s.owner) for s in self._segments):
+            # Where the other robot stands may be anything yet.
             return
         # How far apart tips that touch can seem, m: no arm is built so badly, but the tip of a
         # hand is its wrist's or its palm's in many a URDF.

@@ -7,6 +7,7 @@ geometry; for a body that was tracked it is a measurement. Terms are written ove
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
@@ -94,6 +95,8 @@ class PoseSource(ABC):
 def joint_ranges(arm: ArmModel) -> tuple[JointRange, ...]:
     """What the columns of a samples file must hold for this arm."""
     own = set(arm.own_joints)
+    # A file of one robot of a cell may call its joints as that robot's URDF does.
+    short = Counter(name.rpartition("/")[2] for name in own)
     followers = {
         joint.name: tuple(n for n, read in arm.read_from.items() if n != joint.name == read)
         for joint in arm.readings
@@ -105,8 +108,12 @@ def joint_ranges(arm: ArmModel) -> tuple[JointRange, ...]:
             *((j.lower, j.upper) if j.name in own else (min(j.lower, 0.0), max(j.upper, 0.0))),
             followers[j.name],
             j.name not in own,
+            alone
+            if "/" in j.name and j.name in own and short[alone] == 1 and alone not in own
+            else "",
         )
         for j in arm.readings
+        for alone in [j.name.rpartition("/")[2]]
     )
 
 

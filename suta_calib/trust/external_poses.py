@@ -8,7 +8,7 @@ differences: δpose = J δunknowns, and J C Jᵀ is the covariance.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Final
 
@@ -16,8 +16,9 @@ import numpy as np
 
 from suta_calib.arrays import FloatArray
 from suta_calib.geometry.numbers import homogeneous, quaternion_from_rotation, vector_from_rotation
+from suta_calib.model.parameters import PLACEMENT, is_base
 from suta_calib.solver.solution import Solution
-from suta_calib.terms.external_frame import ExternalFrame
+from suta_calib.terms.external_frame import ExternalFrame, OutsidePose, pose_named
 
 _STEP: Final = 1e-6
 
@@ -79,10 +80,33 @@ def external_poses(solution: Solution) -> tuple[ExternalPose, ...]:
 
     Several terms may share one: it is told once.
     """
-    frames = {frame.owner: frame for term in solution.problem.terms for frame in term.outside}
+    frames = {frame.owner: frame for frame in _robot_bases(solution)}
+    frames |= {frame.owner: frame for term in solution.problem.terms for frame in term.outside}
     if not solution.converged:
         return ()
     return tuple(_external_pose(solution, frame) for frame in frames.values())
+
+
+@dataclass(frozen=True)
+class _RobotBase(ExternalFrame):
+    """The base of a robot in a cell, turned from where its URDF would have it."""
+
+    turn: FloatArray = field(default_factory=lambda: np.eye(3))
+
+    def pose(self, values: Mapping[str, float]) -> OutsidePose:
+        """As of a joint's placement: its own turn comes last."""
+        rotation, position = pose_named(values, self.owner)
+        return self.turn @ rotation, position
+
+
+def _robot_bases(solution: Solution) -> Iterator[ExternalFrame]:
+    """Of which something was to be found."""
+    arm = solution.problem.arm
+    for segment in () if arm is None else arm.segments:
+        owner = segment.owner
+        names = [f"{owner}.{key}" for key in PLACEMENT]
+        if is_base(owner) and set(names) <= set(solution.estimates):
+            yield _RobotBase(owner, "robot", "base", PLACEMENT, turn=segment.rotation)
 
 
 def _external_pose(solution: Solution, frame: ExternalFrame) -> ExternalPose:

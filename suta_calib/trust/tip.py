@@ -109,7 +109,8 @@ def sensitivity(
     """
     constants = [n for n in values if n in arm.offered and n not in names]
     batch = Batched(arm.function([*names, *constants]), len(q), shared=[0])
-    nominal = [values[n] if n in values else arm.offered[n].nominal for n in names]
+    every = {**arm.beside, **arm.offered}
+    nominal = [values[n] if n in values else every[n].nominal for n in names]
     batch.inputs[0][:] = nominal + [values[n] for n in constants]
     batch.inputs[1][:] = q
     flat, position, velocity = batch()

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
+import yaml
 
 from suta_calib import (
     ArmModel,
+    CalibrationJob,
     Contact,
     GivenPose,
     InputError,
@@ -23,7 +26,8 @@ from suta_calib.arrays import FloatArray
 from suta_calib.geometry.numbers import rotation_from_vector
 from suta_calib.simulation.inverse_kinematics import InverseKinematics, Targets
 from suta_calib.solver.solve import solve
-from tests.support.torso_robot import built, torso_robot, tracked
+from tests.support.cli_job import cli
+from tests.support.torso_robot import built, torso_robot, torso_robot_urdf, tracked
 
 FREE = ["geometric", "*.offset"]
 # Pose of the right tip in the left one while both hold one thing, m.
@@ -173,3 +177,66 @@ def test_what_cannot_be_a_contact_is_refused():
     pose = {"A": GivenPose(np.zeros(3))}
     with pytest.raises(InputError, match="without an orientation"):
         Contact.from_arrays(arm, q, spot="A", surface="plane", given=pose)
+
+
+HEAD = """\
+arm:
+  urdf: robot.urdf
+  chains: {left: {tip: left_hand}, head: {tip: eye}, right: {tip: right_hand}}
+seed: 3
+errors: [{select: ['*.offset'], std_deg: 0.5}]
+noise: {instrument_mm: 0.1, corner_px: 0.2}
+sets:
+  seen: {kind: camera_view, chain: left, base_chain: head, samples: 40, SEEN}
+  held: {kind: camera_view, chain: left, base_chain: head, samples: 15, SEEN}
+  eye: {kind: hand_eye, chain: head, base_chain: right, samples: 30,
+        eye_in_tip: {position_mm: [20, 10, 30]}, target_in_base: {position_mm: [20, 10, -50]}}
+"""
+SEEN = (
+    "setup: eye-to-hand, board: board.yaml, camera: camera.yaml, "
+    "camera_pose: {position_mm: [20, 10, 30], rotation_rpy_deg: [-90, 0, -90]}, "
+    "board_pose: {position_mm: [20, 10, -50], rotation_rpy_deg: [0, 90, 0]}"
+)
+SEES = """\
+arm:
+  urdf: robot.urdf
+  chains: {left: {tip: left_hand}, head: {tip: eye}, right: {tip: right_hand}}
+parameters:
+  - {select: ['left_*.offset', 'right_*.offset', 'neck_*.offset'], prior_deg: 1}
+observations:
+  - {kind: camera_view, chain: left, base_chain: head, samples: seen/samples.csv, FILES/seen.csv}
+  - {kind: hand_eye, label: second, chain: head, base_chain: right, samples: eye/samples.csv}
+validation:
+  - {kind: camera_view, chain: left, base_chain: head, samples: held/samples.csv, FILES/held.csv}
+"""
+FILES = "setup: eye-to-hand, board: board.yaml, camera: camera.yaml, corners: corners"
+
+
+def test_a_camera_on_the_head_sees_a_board_in_the_hand(
+    tmp_path: Path, repository: Path, recwarn: pytest.WarningsRecorder
+):
+    """The board is somewhere in the hand and the camera somewhere on the head."""
+    for name in ("board.yaml", "camera.yaml"):
+        (tmp_path / name).write_bytes((repository / "data" / "workcell" / name).read_bytes())
+    (tmp_path / "robot.urdf").write_text(torso_robot_urdf(head=True))
+    (tmp_path / "simulation.yaml").write_text(HEAD.replace("SEEN", SEEN))
+    (tmp_path / "job.yaml").write_text(SEES.replace("FILES", FILES))
+    assert cli("simulate", tmp_path / "simulation.yaml", "--out", tmp_path) == 0
+    result = CalibrationJob.load(tmp_path / "job.yaml").run()
+    # Nobody has moved the torso, and no chain here hangs on it: it is no dead joint.
+    assert result.assessment.level == "good", str(result.assessment)
+    after = result.metrics["validation"]["after"].rms
+    assert after < 4e-4 < result.metrics["validation"]["before"].rms
+    found = {pose.name: pose for pose in result.examined.external_poses}
+    at = found["hand_eye[head]"].position, found["target[left]"].position
+    # Each joint's zero beside the camera or the board turns with it: its place is told.
+    for position, true, name in zip(
+        at, ([0.02, 0.01, 0.03], [0.02, 0.01, -0.05]), found, strict=False
+    ):
+        assert np.abs(position - true).max() < 6e-3, name
+    truth = yaml.safe_load((tmp_path / "truth.yaml").read_text())["parameters"]
+    for name in ("left_3.offset", "left_4.offset", "right_3.offset", "neck_2.offset"):
+        error = result.estimates[name].value - np.radians(truth[name]["value_deg"])
+        assert abs(error) < 4 * result.estimates[name].std, name
+    # It can be drawn.
+    assert result.scene() is not None

@@ -38,8 +38,11 @@ def _joint(name: str, parent: str, child: str, xyz: str, axis: str, kind: str = 
     )
 
 
-def torso_robot_urdf() -> str:
-    """The text of its URDF: chains base_link → left_hand and base_link → right_hand."""
+def torso_robot_urdf(*, head: bool = False) -> str:
+    """The text of its URDF: chains base_link → left_hand and base_link → right_hand.
+
+    With a head, it has a third one: base_link → eye, by a neck of two joints.
+    """
     parts = [_link(name) for name in ("base_link", "torso_a", "torso_b")]
     parts.append(_joint("torso_1", "base_link", "torso_a", "0 0 0.5", "0 0 1"))
     parts.append(_joint("torso_2", "torso_a", "torso_b", "0 0 0.2", "0 1 0"))
@@ -51,6 +54,11 @@ def torso_robot_urdf() -> str:
             parent = link
         parts.append(_link(f"{side}_hand"))
         parts.append(_joint(f"{side}_mount", parent, f"{side}_hand", "0 0 -0.1", "1 0 0", "fixed"))
+    if head:
+        parts += [_link(name) for name in ("pan", "head", "eye")]
+        parts.append(_joint("neck_1", "torso_b", "pan", "0.05 0 0.35", "0 0 1"))
+        parts.append(_joint("neck_2", "pan", "head", "0 0 0.05", "0 1 0"))
+        parts.append(_joint("eye_mount", "head", "eye", "0.05 0 0.05", "1 0 0", "fixed"))
     return "\n".join(['<robot name="torso">', *parts, "</robot>"])
 
 

@@ -5,9 +5,10 @@ from typing import Any
 
 import numpy as np
 
+from suta_calib.arrays import FloatArray
 from suta_calib.terms import Term
 from suta_calib.trust import Pattern, SpoiltData, Truth
-from suta_calib.trust.patterns import STILL, all_readings
+from suta_calib.trust.patterns import STILL
 from suta_calib.trust.simulated_faults import arm_of, middle_joint_changed
 
 
@@ -21,9 +22,15 @@ class DeadJoint(Pattern):
 
     def of_terms(self, terms: Sequence[Term]) -> Iterator[str]:
         """One for all such joints together."""
-        joints, travel = arm_of(terms[0]).joints, np.ptp(all_readings(terms), axis=0)
-        dead = [joint for joint, moved in zip(joints, travel, strict=True) if moved < STILL]
-        if dead and np.sort(travel)[-2:].min() > 10 * STILL:
+        read = dict[str, list[FloatArray]]()
+        for term in terms:
+            # Readings of other chains' joints are no readings.
+            for joint in (arm := arm_of(term)).own_joints:
+                q = term.poses.samples.q[:, arm.joints.index(joint)]
+                read.setdefault(joint, []).append(q)
+        travel = {joint: float(np.ptp(np.concatenate(parts))) for joint, parts in read.items()}
+        dead = [joint for joint, moved in travel.items() if moved < STILL]
+        if dead and min(sorted(travel.values())[-2:]) > 10 * STILL:
             yield (
                 f"{', '.join(dead)} reads the same in every row, to {np.degrees(STILL):.3f} deg. "
                 "Is its encoder alive? If the joint was locked, do not estimate its parameters."
