@@ -127,7 +127,7 @@ def test_it_is_seen_as_a_whole(job: Path, tmp_path: Path) -> None:
         ),
         ("right: {tip: right_hand}", "right: {tip: hand}", "hand"),
         ("  chains:", "  tip: left_hand\n  chains:", "tip beside chains"),
-        ("samples: left/*.csv", "samples: [left/*.csv, right/*.csv]", "left_1"),
+        ("samples: left/*.csv", "samples: [left/*.csv, right/*.csv]", "in all of these files"),
     ],
 )
 def test_what_contradicts_the_chains_is_refused(
