@@ -41,7 +41,10 @@ def test_a_reading_decides_what_can_be_told(
     places = {label: touched.places[label] for label in ("A_O", "C_A", "C_B")}
     touched = replace(touched, repeats=1, places=places)
     urdf = repository / f"urdf/{name}.urdf"
-    made = simulate(replace(description, urdf=urdf, errors=(), sets=(touched,)), 0)
+    made = simulate(
+        replace(description, arm=replace(description.arm, urdf=urdf), errors=(), sets=(touched,)),
+        0,
+    )
     samples = Samples.concatenate([file.samples for file in made.files])
     unknown = made.arm.select(
         Selection(("joint_*.offset",), bound_rad=np.radians(15)),
