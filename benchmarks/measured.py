@@ -51,6 +51,8 @@ PEERS = {"before": "before", "figaroh": "figaroh", "plain SciPy": "plain SciPy",
 DRAWS = 2000
 # Half of the last digit that the tables show.
 LEVEL_MM = 0.0005
+# Five units that all favour one side are no evidence at 95 %: 2 / 2^5 of the time chance does that.
+FEWEST_DRAWN = 6
 HEADS = ("mean, mm", "RMS, mm", "max, mm", "s", "MB")
 
 
@@ -327,6 +329,7 @@ def chances(sections: Mapping[str, Sequence[Row]], units: Mapping[str, IntArray]
             says = "ours better" if high < 0 else "ours worse" if low > 0 else "within chance"
             # Both stop at the same minimum: an interval far below the last digit shown.
             says = "level" if max(abs(low), abs(high)) < LEVEL_MM else says
+            says = says if of.max() + 1 >= FEWEST_DRAWN else "too few to say"
             lines.append(
                 f"| {title}: {who} | {mine.rms - row.rms:+.3f} | {low:+.3f} to {high:+.3f} "
                 f"| {of.max() + 1} | {says} |"

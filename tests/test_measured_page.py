@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from suta_calib import CalibrationJob
-from suta_calib.arrays import FloatArray
+from suta_calib.arrays import FloatArray, IntArray
 
 
 @pytest.fixture
@@ -64,14 +64,15 @@ def test_chance(measured: ModuleType, repository: Path) -> None:
     assert low < 0 < high
     assert measured.interval(error, error, rows) == (0.0, 0.0)
 
-    def page(ours: FloatArray) -> str:
+    def page(ours: FloatArray, drawn: IntArray = rows) -> str:
         both = [
             measured.Row(name, measured.Answer(errors, 0.0))
             for name, errors in (("plain SciPy", error), (measured.OURS, ours))
         ]
-        return measured.chances({"an arm": both}, {"an arm": rows})
+        return measured.chances({"an arm": both}, {"an arm": drawn})
 
     assert "| ours better |" in page(0.97 * error)
     assert "| ours worse |" in page(1.03 * error)
     assert "| within chance |" in page(rng.permutation(error))
     assert "| level |" in page(error)
+    assert "| too few to say |" in page(1.03 * error, rows % 5)
