@@ -74,6 +74,7 @@ class MeasureOptions(Displayable):
         raw: where the whole stream goes, as Parquet.
         urdf: for the distances that are shown; the job's by default.
         rest: what counts as rest.
+        chain: which of several chains of the job's robot is measured.
     """
 
     job: Path
@@ -94,6 +95,7 @@ class MeasureOptions(Displayable):
     raw: Path | None = None
     urdf: UrdfFile | None = None
     rest: RestSettings = DEFAULT_REST
+    chain: str = ""
 
     def check(self) -> None:
         """Refuse options that contradict each other.
@@ -312,11 +314,11 @@ class _Session:
 def _plan(options: MeasureOptions) -> tuple[TouchSequence, Path]:
     """What to measure, and where it goes."""
     if options.free:
-        arm = read_arm(options.job, options.urdf)
+        arm = read_arm(options.job, options.urdf, (options.chain, ""))
         out = options.out or options.job.parent / f"free_{options.repeat}.csv"
         return repeated(arm, None, None, options.repeat, options.rests), out
     ((place, label),) = options.labels.items()
-    row = read_row(options.job, options.observation, kinds_of(place))
+    row = read_row(options.job, options.observation, kinds_of(place), options.chain)
     if row.kind not in kinds_of(place):
         places = dict.fromkeys(kind.place for kind in KINDS.values() if kind.place)
         flag = place_option(KINDS[row.kind]) if row.kind in KINDS else ""

@@ -20,6 +20,7 @@ from suta_calib.inputs import UrdfFile
 from suta_calib.job.outline import read_outline
 from suta_calib.measurements import Artefact, read_artefact
 from suta_calib.model.arm import ArmModel
+from suta_calib.model.robot import chosen_chain
 from suta_calib.terms import KINDS, Term
 from suta_calib.terms.seating import ALWAYS_ALIKE
 
@@ -104,13 +105,19 @@ def read_arm(
     return read_arm_of_job(read_outline(job).top, urdf).model(*chain)
 
 
-def read_row(job: Path, which: str | None, usable: Sequence[str]) -> ObservationRow:
+def read_row(
+    job: Path, which: str | None, usable: Sequence[str], chain: str = ""
+) -> ObservationRow:
     """The observation that samples are taken for: the first of a kind that is ``usable``.
 
     Or the one that ``which`` names: ``1``, ``observations[1]``, ``validation[0]`` or a kind. Where
-    there is none, or a key of it or its artefact cannot be used, a JobError or ArtefactError.
+    there is none, or a key of it or its artefact cannot be used, a JobError or ArtefactError. Of
+    several chains of a robot, the one of this name; which need not be said of a row that is named.
     """
-    rows = {row.where: row for row in read_outline(job).rows}
+    outline = read_outline(job)
+    if chain or which is None or not _WHICH.fullmatch(which):
+        chain = chosen_chain(outline.ends, chain)
+    rows = {row.where: row for row in outline.rows if chain in ("", row.chain)}
     name = _chosen(job, {name: row.kind for name, row in rows.items()}, which, usable)
     row = rows[name]
     file = row.artefact()
@@ -118,8 +125,8 @@ def read_row(job: Path, which: str | None, usable: Sequence[str]) -> Observation
         raise row.section.refuse("nothing", "the artefact's file", at=("artefact",))
     artefact = None if file is None else read_artefact(file)
     seated, read = "seating" in row.section, CHAIN_KEYS.values(row.section)
-    chain = read.get("chain", ""), read.get("base_chain", "")
-    return ObservationRow(job, name, row.kind, artefact, row.samples[0], seated, chain)
+    ends = read.get("chain", ""), read.get("base_chain", "")
+    return ObservationRow(job, name, row.kind, artefact, row.samples[0], seated, ends)
 
 
 def _chosen(job: Path, kinds: Mapping[str, str], which: str | None, usable: Sequence[str]) -> str:

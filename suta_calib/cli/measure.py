@@ -15,6 +15,7 @@ from suta_calib.cli._options import (
     PATH,
     POSITIVE,
     FiniteRange,
+    chain_option,
     flag,
     job_argument,
     json_option,
@@ -68,6 +69,7 @@ class PlaceCommand(click.Command):
 @option(
     "--observation N|KIND", "Which observation of the job: its number, its kind, or validation."
 )
+@chain_option
 @flag("--resume", "Continue after the last confirmed landmark.")
 @flag("--yes", "Ask no questions: each rest after a motion is the next landmark.")
 @option(

@@ -309,6 +309,8 @@ def chosen_chain(names: Iterable[str], chain: str) -> str:
         ParameterError: none was chosen of several, or one that does not exist.
     """
     names = list(names)
+    if chain and names == [""]:
+        raise ParameterError(f"the chain '{chain}'", "no name: the arm has one chain")
     if chain in names or (len(names) == 1 and not chain):
         return chain or names[0]
     if chain:

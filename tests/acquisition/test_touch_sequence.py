@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from acquisition_scenes import Scene, device
 from device_stand_in import reading
+from torso_robot import torso_robot_urdf
 
 from suta_calib.acquisition.run import SamplesFile
 from suta_calib.acquisition.seating_check import SeatingCheck
@@ -231,3 +232,35 @@ def test_what_others_write_meanwhile_stays(tmp_path: Path) -> None:
     path.unlink()
     file.put({**own, "landmark": "S1"}, np.array([0.5, 0.6]))
     assert len(samples_file(path, resume=True).rows) == 4
+
+
+CHAINS = """\
+arm: {urdf: robot.urdf, chains: {left: {tip: left_hand}, right: {tip: right_hand}}}
+observations:
+  - {kind: fixed_point, chain: left, samples: left/*.csv}
+  - {kind: fixed_point, chain: right, samples: right/*.csv}
+"""
+
+
+def test_of_several_chains_one_is_measured(tmp_path: Path) -> None:
+    job = tmp_path / "calibration.yaml"
+    job.write_text(CHAINS)
+    (tmp_path / "robot.urdf").write_text(torso_robot_urdf())
+    for which, chain in ((None, "right"), ("fixed_point", "right"), ("1", "")):
+        row = read_row(job, which, ["fixed_point"], chain)
+        assert (row.pattern, row.chain) == ("right/*.csv", ("right", ""))
+        assert read_arm(job, chain=row.chain).tip == "right_hand"
+    for which in (None, "fixed_point"):
+        with pytest.raises(
+            InputError, match=r"several chains; expected .* left, right; choose one"
+        ):
+            read_row(job, which, ["fixed_point"])
+    with pytest.raises(InputError, match="did you mean 'right'"):
+        read_row(job, None, ["fixed_point"], "rihgt")
+    with pytest.raises(InputError, match="several chains"):
+        read_arm(job)
+
+
+def test_an_arm_without_chains_has_none_to_choose(job_with: Callable[[str], Path]) -> None:
+    with pytest.raises(InputError, match="no name: the arm has one chain"):
+        read_row(job_with(OBSERVATIONS), None, ["pairwise_distance"], "left")
