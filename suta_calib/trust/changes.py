@@ -140,7 +140,7 @@ def waves(fit: ReducedFit, suspect: Suspect) -> FloatArray:
     problem, joint = fit.problem, suspect.motion.joint
     arm = problem.arm
     assert arm is not None
-    if suspect.hypothesis is None or not joint:
+    if suspect.hypothesis is None or joint not in arm.joints:
         return np.zeros((len(suspect.motion.velocity), 0))
     k = arm.joints.index(joint)
     q = np.concatenate([term.poses.samples.q[:, k] for term in problem.terms])

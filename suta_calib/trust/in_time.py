@@ -18,13 +18,14 @@ import numpy as np
 
 from suta_calib.arrays import BoolArray, FloatArray
 from suta_calib.geometry.numbers import skew
+from suta_calib.model.parameters import End
 from suta_calib.solver.information import Rows
 from suta_calib.solver.problem import Problem
 from suta_calib.terms.term import Term
 from suta_calib.trust.evidence import Effect, Evidence, Stretches, length_of
 from suta_calib.trust.examination import Examination, by_motion, samples_of
 from suta_calib.trust.hypothesis import AddedVariable, SpoiltData, Truth
-from suta_calib.trust.simulated_faults import displaced
+from suta_calib.trust.simulated_faults import arm_of, chains_of, displaced
 from suta_calib.units import Unit, text
 
 # A turn that is plausible, rad.
@@ -41,7 +42,7 @@ class TipShift:
     """How the tips move if something changed.
 
     Attributes:
-        joint: whose encoder it is; empty otherwise.
+        joint: whose encoder it is; of several chains, at the end of which one it is; or empty.
         velocity: (6·samples, k) of every tip, per unit.
         plausible: (k,) size.
     """
@@ -63,7 +64,7 @@ class ChangeInTime:
 
     Attributes:
         hypothesis: what changed.
-        joint: whose encoder it is; empty otherwise.
+        joint: as of `TipShift`.
         since: file and row from which on it is so; empty where it is so all along.
         size, std: by how much, and its standard deviation, in `InTime.unit`: of a drift or a
             creep until the last row.
@@ -271,9 +272,11 @@ class FrameInTime(InTime):
 
     Attributes:
         what: that frame, as a sentence names it.
+        end: of which end of the chains it is: each has its own.
     """
 
     what: ClassVar[str]
+    end: ClassVar[End]
 
     @abstractmethod
     def axes(self, rotation: FloatArray) -> FloatArray:
@@ -288,26 +291,32 @@ class FrameInTime(InTime):
         return velocity
 
     def motions(self, problem: Problem) -> Iterator[TipShift]:
-        """One where it happens at once, else one for each term."""
-        velocity = self.velocity(problem)
-        for share in (1.0,) if self.at_once else so_far(problem):
-            # A shift of 5 mm is plausible.
-            yield TipShift("", _flat(velocity, share), np.repeat([5e-3, TURN], 3))
+        """Of each end, one where it happens at once, else one for each term."""
+        velocity, chains = self.velocity(problem), chains_of(problem.terms, self.end)
+        arms = [(arm_of(term), len(term.poses)) for term in problem.terms]
+        for name, alike in chains.items():
+            own = np.concatenate([np.full(n, float(arm in alike)) for arm, n in arms])
+            for share in (1.0,) if self.at_once else so_far(problem):
+                if np.any(own * share):
+                    # A shift of 5 mm is plausible.
+                    motion = _flat(velocity, own * share)
+                    yield TipShift(name, motion, np.repeat([5e-3, TURN], 3))
 
     def statement(self, change: ChangeInTime) -> str:
         """From where to where, by how much."""
+        what = self.what.format(f" of chain {change.joint}" if change.joint else "")
         if not self.at_once:
             return (
-                f"The {self.what} crept by {change.amount} while the rows were measured. Let it "
+                f"The {what} crept by {change.amount} while the rows were measured. Let it "
                 "warm up, or fix it, and measure again."
             )
         if change.until:
             return (
-                f"The {self.what} was at another place, by {change.amount}, from {change.since} to "
+                f"The {what} was at another place, by {change.amount}, from {change.since} to "
                 f"{change.until}. Give these rows another label."
             )
         return (
-            f"The {self.what} was moved by {change.amount} at {change.since}. Give the rows after "
+            f"The {what} was moved by {change.amount} at {change.since}. Give the rows after "
             "it another label."
         )
 
@@ -323,7 +332,8 @@ class FrameInTime(InTime):
 class BaseInTime(FrameInTime):
     """A base, an instrument or an artefact."""
 
-    what = "base, or what it measures,"
+    what = "base{}, or what it measures,"
+    end = "base"
 
     def axes(self, rotation: FloatArray) -> FloatArray:
         """Those of the base."""
@@ -339,7 +349,8 @@ class BaseInTime(FrameInTime):
 class TipInTime(FrameInTime):
     """A tool, or what is on it; it turns about the tip."""
 
-    what = "tool, or the target on it,"
+    what = "tool{}, or the target on it,"
+    end = "tip"
 
     def axes(self, rotation: FloatArray) -> FloatArray:
         """Those of the tip."""

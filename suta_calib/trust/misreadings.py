@@ -8,6 +8,7 @@ are exchanged in the same way everywhere. Whether an X closes all loops ``A X B`
 from __future__ import annotations
 
 from abc import abstractmethod
+from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
@@ -25,7 +26,7 @@ from suta_calib.terms.hand_eye_start import Poses, some_poses
 from suta_calib.terms.poses import MeasuredPoses
 from suta_calib.trust.hypothesis import Reinterpretation, SpoiltData, Truth, known_hypotheses
 from suta_calib.trust.rule import Rule
-from suta_calib.trust.simulated_faults import arm_of
+from suta_calib.trust.simulated_faults import arm_of, chains_of
 from suta_calib.units import from_deg
 
 # Files of which one alone may be out of step are tried among so many.
@@ -78,18 +79,34 @@ class Misreading(Reinterpretation):
         yield from ()
 
     def readings(self, data: Problem) -> Iterator[tuple[str, tuple[Term, ...]]]:
-        """The terms with all samples changed, where enough of the rows are left."""
-        terms = data.terms
-        for description, change in self.changes(terms):
-            read = [change(term.poses.samples) for term in terms]
-            with suppress(SutaCalibError):
-                # Share of the rows that a reading must keep: few rows fit anything.
-                if all(
-                    len(samples) >= 0.33 * len(term.poses)
-                    for samples, term in zip(read, terms, strict=True)
-                ):
-                    pairs = zip(terms, read, strict=True)
-                    yield description, tuple(_with_samples(*pair) for pair in pairs)
+        """The terms with all samples changed, where enough of the rows are left.
+
+        Of several chains, those of all, then those of each.
+        """
+        terms, chains = data.terms, chains_of(data.terms)
+        parts = {name: [t for t in terms if arm_of(t) in arms] for name, arms in chains.items()}
+        seen = set[tuple[bytes, ...]]()
+        for name, part in {"": terms, **(parts if len(parts) > 1 else {})}.items():
+            for description, change in self.changes(part):
+                read = [change(t.poses.samples) if t in part else t.poses.samples for t in terms]
+                # What is so in one chain may be so in all that have the joint, or the file.
+                if len(parts) > 1:
+                    numbers = tuple(map(_numbers, read))
+                    if numbers in seen:
+                        continue
+                    seen.add(numbers)
+                with suppress(SutaCalibError):
+                    # Share of the rows that a reading must keep: few rows fit anything.
+                    if all(
+                        len(samples) >= 0.33 * len(term.poses)
+                        for samples, term in zip(read, terms, strict=True)
+                    ):
+                        pairs = zip(terms, read, strict=True)
+                        where = f", in the rows of chain {name}" if name else ""
+                        yield (
+                            f"{description}{where}",
+                            tuple(_with_samples(*pair) for pair in pairs),
+                        )
 
     def fault(self, term: Term) -> tuple[str, Samples]:
         """One of these changes, which undoes itself.
@@ -129,12 +146,21 @@ class MisreadJoints(Misreading):
     """The readings of the joints, column by column."""
 
     @abstractmethod
-    def of_arm(self, arm: ArmModel) -> Iterator[tuple[str, Change]]:
-        """The same as `changes`, for an arm."""
+    def of_joints(self, arm: ArmModel, joints: Sequence[str]) -> Iterator[tuple[str, Change]]:
+        """The same as `changes`, for some joints of an arm."""
 
     def changes(self, terms: Sequence[Term]) -> Iterator[tuple[str, Change]]:
-        """Those of the arm of all terms."""
-        return self.of_arm(arm_of(terms[0]))
+        """Those of the joints that chains of the terms share: of a lone chain, of all."""
+        arms = [*dict.fromkeys(map(arm_of, terms))]
+        chains = Counter(joint for arm in arms for joint in arm.own_joints)
+        least = min(len(arms), 2)
+        return self.of_joints(arms[0], [j for j, count in chains.items() if count >= least])
+
+
+def _numbers(samples: Samples) -> bytes:
+    """What a change of samples changes."""
+    labels = "\n".join("\t".join(column.tolist()) for column in samples.labels.values())
+    return samples.hashes().tobytes() + labels.encode()
 
 
 def _with_samples(term: Term, samples: Samples) -> Term:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import Final
 
 import numpy as np
@@ -13,6 +13,7 @@ from suta_calib.solver.solution import Solution
 from suta_calib.terms import Term
 from suta_calib.terms.poses import resolutions
 from suta_calib.trust.hypothesis import Pattern, known_hypotheses
+from suta_calib.trust.simulated_faults import arm_of
 
 # Travel of a joint, rad, below which it stands still where others move ten times more.
 STILL: Final = 1e-4
@@ -31,9 +32,24 @@ def matches(answer: Solution, *roles: str) -> list[str]:
     ]
 
 
-def all_readings(terms: Sequence[Term]) -> FloatArray:
-    """(samples, joints) readings of all terms, one after the other."""
-    return np.vstack([term.poses.samples.q for term in terms])
+def readings_of(terms: Sequence[Term], joints: Iterable[str]) -> FloatArray:
+    """(samples, joints) readings of all terms over chains that have these joints.
+
+    The columns of another chain's joints hold no readings.
+    """
+    wanted = [*joints]
+    read = [np.zeros((0, len(wanted)))]
+    for term in terms:
+        arm = arm_of(term)
+        if set(wanted) <= set(arm.own_joints):
+            read.append(term.poses.samples.q[:, [arm.joints.index(j) for j in wanted]])
+    return np.vstack(read)
+
+
+def readings_by_joint(terms: Sequence[Term]) -> dict[str, FloatArray]:
+    """(samples,) readings of each joint, of all terms over chains that have it."""
+    joints = dict.fromkeys(joint for term in terms for joint in arm_of(term).own_joints)
+    return {joint: readings_of(terms, [joint])[:, 0] for joint in joints}
 
 
 def may_read_alike(samples: Samples) -> bool:

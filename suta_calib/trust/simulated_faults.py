@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
 from typing import Any
 
@@ -12,6 +12,7 @@ from suta_calib.arrays import FloatArray
 from suta_calib.errors import SamplesError
 from suta_calib.geometry.numbers import rotation_from_vector
 from suta_calib.model.arm import ArmModel
+from suta_calib.model.parameters import End
 from suta_calib.terms.poses import ArmPoses, MeasuredPoses
 from suta_calib.terms.term import Term
 from suta_calib.trust.hypothesis import SpoiltData
@@ -26,6 +27,14 @@ def arm_of(term: Term) -> ArmModel:
     if not isinstance(term.poses, ArmPoses):
         raise SamplesError("poses that were measured", "readings of an arm", where=term.kind)
     return term.poses.arm
+
+
+def chains_of(terms: Iterable[Term], end: End = "tip") -> dict[str, list[ArmModel]]:
+    """The arms of terms by what is at one end of them; of a lone arm, by the empty name."""
+    by_end = dict[str, list[ArmModel]]()
+    for arm in dict.fromkeys(t.poses.arm for t in terms if isinstance(t.poses, ArmPoses)):
+        by_end.setdefault(getattr(arm.bodies, end), []).append(arm)
+    return by_end
 
 
 def with_columns(term: Term, **columns: Any) -> Term:

@@ -7,7 +7,7 @@ import numpy as np
 
 from suta_calib.terms import Term
 from suta_calib.trust import Pattern, SpoiltData, Truth
-from suta_calib.trust.patterns import ENOUGH_ROWS, STILL, all_readings
+from suta_calib.trust.patterns import ENOUGH_ROWS, STILL, readings_by_joint
 from suta_calib.trust.simulated_faults import arm_of, middle_joint_changed
 from suta_calib.units import text
 
@@ -22,9 +22,10 @@ class ClippedColumn(Pattern):
 
     def of_terms(self, terms: Sequence[Term]) -> Iterator[str]:
         """One for each end of each joint."""
-        arm, q = arm_of(terms[0]), all_readings(terms)
-        moving = np.ptp(q, axis=0) > 10 * STILL
-        for joint, readings in zip(np.compress(moving, arm.joints), q[:, moving].T, strict=True):
+        arm = arm_of(terms[0])
+        for joint, readings in readings_by_joint(terms).items():
+            if np.ptp(readings) <= 10 * STILL:
+                continue
             for end, which in ((readings.max(), "above"), (readings.min(), "below")):
                 times = int(np.sum(readings == end))
                 # Share of the rows at a column's end, from which it is reported.

@@ -8,7 +8,7 @@ import numpy as np
 
 from suta_calib.terms import Term
 from suta_calib.trust import Pattern, SpoiltData, Truth
-from suta_calib.trust.patterns import ENOUGH_ROWS, STILL, all_readings
+from suta_calib.trust.patterns import ENOUGH_ROWS, STILL, readings_of
 from suta_calib.trust.simulated_faults import arm_of, with_columns
 
 
@@ -22,13 +22,13 @@ class CopiedColumn(Pattern):
 
     def of_terms(self, terms: Sequence[Term]) -> Iterator[str]:
         """One for each pair."""
-        joints, q = arm_of(terms[0]).joints, all_readings(terms)
-        travel = np.ptp(q, axis=0)
-        for a, b in combinations(range(len(joints)), 2):
-            moving = min(travel[a], travel[b]) > 10 * STILL and len(q) >= ENOUGH_ROWS
-            if moving and np.abs(q[:, a] - q[:, b]).max() < STILL:
+        own = dict.fromkeys(arm_of(term).own_joints for term in terms)
+        for pair in dict.fromkeys(pair for joints in own for pair in combinations(joints, 2)):
+            q = readings_of(terms, pair)
+            moving = len(q) >= ENOUGH_ROWS and np.ptp(q, axis=0).min() > 10 * STILL
+            if moving and np.abs(q[:, 0] - q[:, 1]).max() < STILL:
                 yield (
-                    f"{joints[a]} and {joints[b]} read the same as one another in every row. Was "
+                    f"{pair[0]} and {pair[1]} read the same as one another in every row. Was "
                     "one column copied over the other? Export the readings again."
                 )
 

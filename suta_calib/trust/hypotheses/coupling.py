@@ -31,10 +31,12 @@ class Coupling(AddedVariable):
                 continue
             turn = answer.motion[:, :, [movers.index(moved)]]
             reading = answer.q[:, arm.joints.index(other)]
+            # Those of chains that it is no part of stay where they are.
+            mean = reading[np.any(turn, axis=(1, 2))].mean()
             parameter = arm.nongeometric[name]
             yield Effect(
                 name,
-                answer.by_motion(turn * (reading - reading.mean())[:, None, None]),
+                answer.by_motion(turn * (reading - mean)[:, None, None]),
                 plausible=np.array([parameter.plausible]),
                 parameters=(name,),
                 about=(moved, other),

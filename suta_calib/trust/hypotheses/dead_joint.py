@@ -5,11 +5,10 @@ from typing import Any
 
 import numpy as np
 
-from suta_calib.arrays import FloatArray
 from suta_calib.terms import Term
 from suta_calib.trust import Pattern, SpoiltData, Truth
-from suta_calib.trust.patterns import STILL
-from suta_calib.trust.simulated_faults import arm_of, middle_joint_changed
+from suta_calib.trust.patterns import STILL, readings_by_joint
+from suta_calib.trust.simulated_faults import middle_joint_changed
 
 
 class DeadJoint(Pattern):
@@ -22,13 +21,7 @@ class DeadJoint(Pattern):
 
     def of_terms(self, terms: Sequence[Term]) -> Iterator[str]:
         """One for all such joints together."""
-        read = dict[str, list[FloatArray]]()
-        for term in terms:
-            # Readings of other chains' joints are no readings.
-            for joint in (arm := arm_of(term)).own_joints:
-                q = term.poses.samples.q[:, arm.joints.index(joint)]
-                read.setdefault(joint, []).append(q)
-        travel = {joint: float(np.ptp(np.concatenate(parts))) for joint, parts in read.items()}
+        travel = {joint: float(np.ptp(q)) for joint, q in readings_by_joint(terms).items()}
         dead = [joint for joint, moved in travel.items() if moved < STILL]
         if dead and min(sorted(travel.values())[-2:]) > 10 * STILL:
             yield (

@@ -9,7 +9,8 @@ from suta_calib.arrays import FloatArray
 from suta_calib.solver.problem import Problem
 from suta_calib.trust import SpoiltData, Truth
 from suta_calib.trust.in_time import ChangeInTime, EncoderInTime
-from suta_calib.trust.simulated_faults import middle_joint_changed
+from suta_calib.trust.patterns import readings_of
+from suta_calib.trust.simulated_faults import arm_of, middle_joint_changed
 
 
 class EncoderTravel(EncoderInTime):
@@ -24,8 +25,11 @@ class EncoderTravel(EncoderInTime):
 
     def shares(self, problem: Problem, joint: int) -> Iterable[FloatArray]:
         """Travels about their mean."""
-        q = np.concatenate([term.poses.samples.q[:, joint] for term in problem.terms])
-        return (q - q.mean(),)
+        name, shares = arm_of(problem.terms[0]).joints[joint], list[FloatArray]()
+        mean = readings_of(problem.terms, [name]).mean()
+        for term in problem.terms:
+            shares.append(term.poses.samples.q[:, joint] - mean)
+        return (np.concatenate(shares),)
 
     def statement(self, change: ChangeInTime) -> str:
         """The error as a part of the travel."""

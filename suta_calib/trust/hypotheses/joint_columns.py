@@ -17,11 +17,14 @@ class JointColumns(MisreadJoints):
     about = "Joint readings are in the columns of other joints."
     precedence = 12
 
-    def of_arm(self, arm: ArmModel) -> Iterator[tuple[str, Change]]:
+    def of_joints(self, arm: ArmModel, joints: Sequence[str]) -> Iterator[tuple[str, Change]]:
         """One for each way in which columns are mixed up."""
         identity = np.eye(len(arm.joints))
-        for description, order in orders(arm.joints):
-            yield description, partial(mapped, identity[list(order)], 0.0)
+        at = np.array([arm.joints.index(joint) for joint in joints], dtype=np.intp)
+        for description, order in orders(joints):
+            column = np.arange(len(identity))
+            column[at] = at[list(order)]
+            yield description, partial(mapped, identity[column], 0.0)
 
 
 def orders(names: Sequence[str]) -> Iterator[tuple[str, tuple[int, ...]]]:

@@ -1,6 +1,6 @@
 """A joint that counts in the wrong direction."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from functools import partial
 
 import numpy as np
@@ -16,9 +16,9 @@ class JointSign(MisreadJoints):
     about = "A joint counts in the wrong direction."
     precedence = 10
 
-    def of_arm(self, arm: ArmModel) -> Iterator[tuple[str, Change]]:
+    def of_joints(self, arm: ArmModel, joints: Sequence[str]) -> Iterator[tuple[str, Change]]:
         """One for each joint."""
         identity = np.eye(len(arm.joints))
-        for k, joint in enumerate(arm.joints):
-            flipped = identity * np.where(identity[k], -1.0, 1.0)
+        for joint in joints:
+            flipped = identity * np.where(identity[arm.joints.index(joint)], -1.0, 1.0)
             yield f"{joint} counts the other way (sign: -1)", partial(mapped, flipped, 0.0)

@@ -1,6 +1,6 @@
 """Joint readings in degrees that are taken for radians."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from functools import partial
 
@@ -23,7 +23,7 @@ class JointUnit(MisreadJoints):
     about = "Joint readings are in degrees, but are read as radians."
     precedence = 13
 
-    def of_arm(self, arm: ArmModel) -> Iterator[tuple[str, Change]]:
+    def of_joints(self, arm: ArmModel, joints: Sequence[str]) -> Iterator[tuple[str, Change]]:
         """One for the arm."""
         yield DESCRIPTION, partial(mapped, np.diag(_factors(arm)), 0.0)
 

@@ -1,6 +1,6 @@
 """A joint whose zero is wrong by a quarter or half of a turn."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from functools import partial
 
@@ -21,11 +21,12 @@ class JointZero(MisreadJoints):
     about = "A joint's zero is wrong by a quarter or half of a turn."
     precedence = 11
 
-    def of_arm(self, arm: ArmModel) -> Iterator[tuple[str, Change]]:
+    def of_joints(self, arm: ArmModel, joints: Sequence[str]) -> Iterator[tuple[str, Change]]:
         """Three for each revolute joint."""
         identity = np.eye(len(arm.joints))
         for k, joint in enumerate(arm.readings):
-            for angle in (90.0, -90.0, 180.0) if joint.type != "prismatic" else ():
+            turns = joint.type != "prismatic" and joint.name in joints
+            for angle in (90.0, -90.0, 180.0) if turns else ():
                 change = partial(mapped, identity, from_deg(angle) * identity[k])
                 yield f"{arm.joints[k]} reads {-angle:g}° too much", change
 

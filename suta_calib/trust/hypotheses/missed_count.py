@@ -68,7 +68,7 @@ class MissedCount(Reinterpretation):
             before = np.mean(touches.squares(touches.none, touches.registered(touches.none)))
             turning = [k for k, j in enumerate(arm.readings) if j.type != "prismatic"]
             # Of an arm with more joints all would take too long.
-            if len(turning) > 16:
+            if max(len(arm_of(term).own_joints) for term in data.terms) > 16:
                 return
             fewer = touches.fewer()
             coarse = sorted((*_coarse(fewer, k), k) for k in turning)
@@ -104,6 +104,11 @@ class _Touches:
     def q(self) -> FloatArray:
         """(samples, joints) readings of all terms, one after the other."""
         return np.vstack([term.poses.samples.q for term in self.terms])
+
+    def own(self, joint: int) -> BoolArray:
+        """(samples,) which are of a chain that has this joint."""
+        arms = [(arm_of(term), len(term.poses)) for term in self.terms]
+        return np.concatenate([np.full(n, a.joints[joint] in a.own_joints) for a, n in arms])
 
     @cached_property
     def origin(self) -> tuple[str, ...]:
@@ -241,18 +246,19 @@ def _where(touches: _Touches, step: _Step) -> str:
     in_rows = np.flatnonzero(step.rows)
     first, last = int(in_rows[0]), int(in_rows[-1])
     # So many may stand on the wrong side of a threshold.
-    doubt = 0.05 * min(len(in_rows), len(step.rows) - len(in_rows))
+    doubt = 0.05 * min(len(in_rows), int(touches.own(step.joint).sum()) - len(in_rows))
     if last - first + 1 - len(in_rows) <= doubt:
         return f"from {touches.origin[first]} to {touches.origin[last]}"
-    q = touches.q[:, step.joint] + np.where(step.rows, step.size, 0.0)
-    files = np.concatenate([term.poses.samples.file_names for term in touches.terms])
+    own = touches.own(step.joint)
+    q, rows = (touches.q[:, step.joint] + np.where(step.rows, step.size, 0.0))[own], step.rows[own]
+    files = np.concatenate([term.poses.samples.file_names for term in touches.terms])[own]
     count = f"in {len(in_rows)} of {len(q)} rows, in which its true angle is"
     for sign, side in ((1.0, "above"), (-1.0, "below")):
-        if _beyond(sign * q, step.rows) >= len(in_rows) - doubt:
-            edge = sign * np.sort(sign * q[step.rows])[int(doubt)]
+        if _beyond(sign * q, rows) >= len(in_rows) - doubt:
+            edge = sign * np.sort(sign * q[rows])[int(doubt)]
             return f"{count} {side} {text(float(edge), 'rad', with_unit=True)}"
         # Files may have been begun after other turns.
-        if sum(_beyond(sign * q[files == f], step.rows[files == f]) for f in np.unique(files)) >= (
+        if sum(_beyond(sign * q[files == f], rows[files == f]) for f in np.unique(files)) >= (
             len(in_rows) - doubt
         ):
             return f"{count} {side} some reading of its file"

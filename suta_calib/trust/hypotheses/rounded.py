@@ -12,7 +12,7 @@ from suta_calib.solver.solution import Solution
 from suta_calib.terms import Term
 from suta_calib.trust import Pattern, SpoiltData, Truth, sensitivity
 from suta_calib.trust.held_out import robust_level
-from suta_calib.trust.patterns import all_readings
+from suta_calib.trust.patterns import readings_of
 from suta_calib.trust.simulated_faults import arm_of, with_columns
 from suta_calib.units import from_deg, text
 from suta_calib.words import listed
@@ -61,18 +61,20 @@ def _of_joints(answer: Solution) -> Iterator[tuple[str, str, float]]:
     assert answer.problem.arm is not None
     for arm in answer.problem.arm.arms:
         terms = [term for term in answer.problem.terms if arm_of(term) is arm]
-        yield from _of_chain(answer, arm, all_readings(terms))
+        if terms:
+            yield from _of_chain(answer, arm, readings_of(terms, arm.own_joints), terms)
 
 
-def _of_chain(answer: Solution, arm: ArmModel, q: FloatArray) -> Iterator[tuple[str, str, float]]:
-    turning = [joint.type != "prismatic" for joint in arm.readings]
+def _of_chain(
+    answer: Solution, arm: ArmModel, q: FloatArray, terms: Sequence[Term]
+) -> Iterator[tuple[str, str, float]]:
+    turning = [joint.type != "prismatic" for joint in arm.readings if joint.name in arm.own_joints]
     steps = np.array([_step(c, STEPS) if t else 0.0 for c, t in zip(q.T, turning, strict=True)])
     if not steps.any():
         return
     names = [f"{joint}.offset" for joint in arm.own_joints]
-    steps = steps[[arm.joints.index(joint) for joint in arm.own_joints]]
     # Rows whose postures show how the tip depends on the joints.
-    shown = q[:: math.ceil(len(q) / 200)]
+    shown = np.vstack([term.poses.samples.q for term in terms])[:: math.ceil(len(q) / 200)]
     jacobian = sensitivity(arm, answer.values, names, shown).jacobian
     # Anywhere within a step is as likely; of one axis of three.
     variance = np.sum((jacobian * steps) ** 2, axis=(1, 2)) / 12.0 / 3.0

@@ -25,10 +25,12 @@ class SortedColumn(Pattern):
     def of_terms(self, terms: Sequence[Term]) -> Iterator[str]:
         """One, of one joint."""
         ordered = list[list[int]]()
-        for samples in (term.poses.samples for term in terms):
+        for term in terms:
+            samples, arm = term.poses.samples, arm_of(term)
+            own = np.isin(arm.joints, arm.own_joints)
             for file in np.unique(samples.file_names):
                 q = samples.q[samples.file_names == file]
-                steps, moves = np.diff(q, axis=0), np.ptp(q, axis=0) > 10 * STILL
+                steps, moves = np.diff(q, axis=0), own & (np.ptp(q, axis=0) > 10 * STILL)
                 monotonic = np.all(steps >= 0, axis=0) | np.all(steps <= 0, axis=0)
                 if len(q) >= ENOUGH_ROWS and moves.sum() > 1:
                     ordered.append(np.flatnonzero(monotonic & moves).tolist())
