@@ -155,6 +155,17 @@ class Term(GivenPlaces):
         """Its residuals: of lengths first, then of angles where there are any."""
 
     @property
+    def of_chain(self) -> str:
+        """``of chain left``, where its arm is one chain of several; empty elsewhere."""
+        name = self.poses.label("default", "tip")
+        return "" if name == "default" else f" of chain {name}"
+
+    @property
+    def called(self) -> str:
+        """Its kind in words, and its chain where there are several."""
+        return self.kind.replace("_", " ") + self.of_chain
+
+    @property
     def error_unit(self) -> Unit:
         """Unit of the errors that it is judged by: those of its first block."""
         return self.blocks[0].unit

@@ -96,31 +96,31 @@ def _residuals(solution: Solution) -> Iterator[Contradiction]:
     fitting = {owner for owner, ratio in zip(owners, ratios, strict=True) if ratio < RESIDUAL_CARE}
     blocks = zip(lines, units, sigmas, solution.noise, levels, ratios, strict=True)
     for k, (line, unit, assumed, learnt, level, times) in enumerate(blocks):
-        block = line.view.block
+        block, chain = line.view.block, problem.terms[owners[k]].of_chain
         given = block.noise.sigma is not None
         scatter, stated = (text(v, block.unit, with_unit=True) for v in (level, assumed))
         if given and times > RESIDUAL_CARE:
             yield Contradiction(
                 times > RESIDUAL,
-                f"The {block.name} residuals are {scatter} per axis, {times:.0f} times the noise "
-                f"that the job states ({stated}): the data do not fit this arm. If the instrument "
+                f"The {block.name} residuals{chain} are {scatter} per axis, {times:.0f} times the "
+                f"noise that the job states ({stated}): the data do not fit this arm. If the instrument "
                 f"really has so much noise, state it (sigma_{unit}).",
             )
         elif not given and times > RESIDUAL_CARE:
-            yield from _unstated(solution, k, times, unit, right_rows=owners[k] in fitting)
+            yield from _unstated(solution, k, times, unit, chain, right_rows=owners[k] in fitting)
         elif given and learnt * RESIDUAL_CARE < assumed:
             yield Contradiction(
                 False,
-                f"The {block.name} residuals are {text(learnt, block.unit, with_unit=True)} per "
-                f"axis, far less than the noise that the job states ({stated}). Priors then pull "
+                f"The {block.name} residuals{chain} are "
+                f"{text(learnt, block.unit, with_unit=True)} per axis, far less than the noise that the job states ({stated}). Priors then pull "
                 f"the estimates too much. State a smaller sigma_{unit}.",
             )
         if level > 1e-9:
-            yield from _gross(line, unit)
+            yield from _gross(line, unit, chain)
 
 
 def _unstated(
-    solution: Solution, k: int, times: float, unit: str, *, right_rows: bool
+    solution: Solution, k: int, times: float, unit: str, chain: str, *, right_rows: bool
 ) -> Iterator[Contradiction]:
     """Large residuals of block ``k``, of which no noise is stated, against what rows scatter."""
     rows, bad = noise_of_rows(solution)[k], times > RESIDUAL
@@ -151,7 +151,7 @@ def _unstated(
             f"{rows.source} scatter by only {noise}. The model lacks something, or a group of "
             "rows is wrong"
         )
-    yield Contradiction(bad, f"The {rows.name} residuals are {level} per axis: {cause}.")
+    yield Contradiction(bad, f"The {rows.name} residuals{chain} are {level} per axis: {cause}.")
 
 
 def _noise_units(problem: Problem) -> list[str]:
@@ -163,11 +163,12 @@ def _noise_units(problem: Problem) -> list[str]:
 def gross_rows(solution: Solution) -> Iterator[Contradiction]:
     """Blocks of which many rows stand far off from most, wherever a solver stopped."""
     lines = solution.problem.linearise(solution.x, solution.problem.assumed_sigmas())
-    for line, unit in zip(lines, _noise_units(solution.problem), strict=True):
-        yield from _gross(line, unit)
+    chains = [term.of_chain for term in solution.problem.terms for _ in term.blocks]
+    for line, unit, chain in zip(lines, _noise_units(solution.problem), chains, strict=True):
+        yield from _gross(line, unit, chain)
 
 
-def _gross(line: Linearised, unit: str) -> Iterator[Contradiction]:
+def _gross(line: Linearised, unit: str, chain: str) -> Iterator[Contradiction]:
     block = line.view.block
     norms = np.linalg.norm(line.residual, axis=1) / math.sqrt(line.residual.shape[1])
     # Three gross touches of ten are in half of all distances: the best quarter says what most
@@ -189,7 +190,7 @@ def _gross(line: Linearised, unit: str) -> Iterator[Contradiction]:
         yield Contradiction(
             # No touch explains so many.
             share > 0.35,
-            f"{how_many} {block.name} residuals are more than "
+            f"{how_many} {block.name} residuals{chain} are more than "
             f"{times:.0f} times as large as most"
             + (f", {100 * weight:.0f} % of the sum of squares" if decided else "")
             + ". Run suta-calib outliers, which shows what these rows have in common"
@@ -208,7 +209,7 @@ def _held_out(solution: Solution, errors: Sequence[HeldOutErrors]) -> Iterator[C
         if e.ratio * HELD_OUT < 1.0:
             yield Contradiction(
                 False,
-                f"The {e.name} validation errors of {e.term.kind.replace('_', ' ')} are "
+                f"The {e.name} validation errors of {e.term.called} are "
                 f"{text(e.level, e.unit, with_unit=True)} per axis, {1.0 / e.ratio:.1f} times "
                 "smaller than the fitted rows predict "
                 f"({text(e.fitted, e.unit, with_unit=True)}). Something is wrong in the fitted "
@@ -228,7 +229,7 @@ def _held_out(solution: Solution, errors: Sequence[HeldOutErrors]) -> Iterator[C
         )
         yield Contradiction(
             e.ratio > HELD_OUT,
-            f"The {e.name} validation errors of {e.term.kind.replace('_', ' ')} are "
+            f"The {e.name} validation errors of {e.term.called} are "
             f"{text(e.level, e.unit, with_unit=True)} per axis, {e.ratio:.1f} times what noise "
             f"and covariance predict (fitted: {text(e.fitted, e.unit, with_unit=True)}): {cause}.",
         )

@@ -130,7 +130,7 @@ class Evidence(Displayable):
         size: (k,) estimate, in the units of the effect; 0 where the data do not determine it.
         covariance: (k, k) of the estimate.
         gain: drop in the squared residuals, in units of the fit's noise.
-        share: the gain over all squared residuals.
+        share: the gain over all squared residuals of the chains in which the effect can be.
         rank: how many components the data determine.
         noise: variance of one whitened row when the effect is taken into account.
         design: how much more scores vary than those of independent rows; at least 1.
@@ -301,7 +301,7 @@ class _Trial:
             size,
             noise * design * self.axes @ self.axes.T,
             self.gain,
-            self.gain / max(fit.squares, 1e-300),
+            self.gain / max(fit.squares_where(self.effect.columns_in(self.window)), 1e-300),
             self.rank,
             noise,
             design,

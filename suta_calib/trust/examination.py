@@ -15,6 +15,7 @@ from suta_calib.solver.evaluation import PoseTable
 from suta_calib.solver.information import Rows, kept_rows
 from suta_calib.solver.problem import Problem
 from suta_calib.solver.solution import Solution
+from suta_calib.terms.poses import ArmPoses
 from suta_calib.terms.term import Term
 from suta_calib.trust.linear_fit import LinearFit
 from suta_calib.trust.rule import Rule
@@ -123,6 +124,7 @@ class Examination(Displayable):
             clusters=self._clusters,
             independent_rows=sum(term.equations() for term in self.problem.terms),
             rows_per_independent_row=self.rows_per_independent_row,
+            chain=chain_of_rows(self.problem, self.rows),
         )
 
     @cached_property
@@ -271,6 +273,16 @@ def by_motion(rows: Sequence[Rows], velocity: FloatArray) -> FloatArray:
             for r in rows
         ]
     )
+
+
+def chain_of_rows(problem: Problem, rows: Sequence[Rows]) -> IntArray | None:
+    """(m,) number of the chain that each component is of, for `LinearFit`; None of one arm."""
+    arms = [t.poses.arm if isinstance(t.poses, ArmPoses) else None for t in problem.terms]
+    different = [*dict.fromkeys(arms)]
+    if len(different) < 2:
+        return None
+    counts = [len(term.poses) for term in problem.terms]
+    return np.repeat([different.index(arm) for arm in arms], counts)[samples_of(rows)]
 
 
 def samples_of(rows: Sequence[Rows]) -> IntArray:

@@ -39,6 +39,7 @@ class LinearFit(Displayable):
             count as one.
         row: (m,) number of the row that each component is in, from 0 on, for `robust`.
         threshold: (rows,) of Huber's loss, in units of the noise, for `robust`.
+        chain: (m,) number of the chain of a robot that each row is of, from 0; None of one arm.
     """
 
     jacobian: FloatArray
@@ -51,6 +52,7 @@ class LinearFit(Displayable):
     rows_per_independent_row: float = 1.0
     row: IntArray | None = None
     threshold: FloatArray | None = None
+    chain: IntArray | None = None
 
     @classmethod
     def of_rows(
@@ -121,6 +123,17 @@ class LinearFit(Displayable):
         """Weighted squares of the settled residuals, and of the pulls of the priors there."""
         pulls = self.prior * (self.away + self.step) ** 2
         return float(self.weights @ self.settled**2 + np.sum(pulls))
+
+    def squares_where(self, columns: FloatArray) -> float:
+        """`squares` without the rows of chains in which columns (m, k) change nothing.
+
+        What happens to one arm of two explains nothing of the other's rows.
+        """
+        if self.chain is None:
+            return self.squares
+        touched = np.bincount(self.chain, np.any(columns, axis=1)) > 0
+        others = ~touched[self.chain]
+        return self.squares - float(self.weights[others] @ self.settled[others] ** 2)
 
     @cached_property
     def spent(self) -> float:

@@ -26,7 +26,7 @@ from suta_calib.terms.hand_eye_start import Poses, some_poses
 from suta_calib.terms.poses import MeasuredPoses
 from suta_calib.trust.hypothesis import Reinterpretation, SpoiltData, Truth, known_hypotheses
 from suta_calib.trust.rule import Rule
-from suta_calib.trust.simulated_faults import arm_of, chains_of
+from suta_calib.trust.simulated_faults import arm_of, by_chain
 from suta_calib.units import from_deg
 
 # Files of which one alone may be out of step are tried among so many.
@@ -83,10 +83,9 @@ class Misreading(Reinterpretation):
 
         Of several chains, those of all, then those of each.
         """
-        terms, chains = data.terms, chains_of(data.terms)
-        parts = {name: [t for t in terms if arm_of(t) in arms] for name, arms in chains.items()}
-        seen = set[tuple[bytes, ...]]()
-        for name, part in {"": terms, **(parts if len(parts) > 1 else {})}.items():
+        terms, seen = data.terms, set[tuple[bytes, ...]]()
+        parts = [*by_chain(terms)]
+        for where, part in parts:
             for description, change in self.changes(part):
                 read = [change(t.poses.samples) if t in part else t.poses.samples for t in terms]
                 # What is so in one chain may be so in all that have the joint, or the file.
@@ -102,11 +101,8 @@ class Misreading(Reinterpretation):
                         for samples, term in zip(read, terms, strict=True)
                     ):
                         pairs = zip(terms, read, strict=True)
-                        where = f", in the rows of chain {name}" if name else ""
-                        yield (
-                            f"{description}{where}",
-                            tuple(_with_samples(*pair) for pair in pairs),
-                        )
+                        changed = tuple(_with_samples(*pair) for pair in pairs)
+                        yield description + where, changed
 
     def fault(self, term: Term) -> tuple[str, Samples]:
         """One of these changes, which undoes itself.
@@ -159,8 +155,9 @@ class MisreadJoints(Misreading):
 
 def _numbers(samples: Samples) -> bytes:
     """What a change of samples changes."""
+    arrays = (samples.q, samples.position, samples.rotation, samples.pixels)
     labels = "\n".join("\t".join(column.tolist()) for column in samples.labels.values())
-    return samples.hashes().tobytes() + labels.encode()
+    return b"".join([labels.encode(), *(a.tobytes() for a in arrays if a is not None)])
 
 
 def _with_samples(term: Term, samples: Samples) -> Term:

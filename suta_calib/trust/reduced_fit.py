@@ -18,7 +18,7 @@ from suta_calib.solver.information import Rows, whitened_rows
 from suta_calib.solver.losses import huber_threshold
 from suta_calib.solver.problem import Problem
 from suta_calib.terms.term import Term
-from suta_calib.trust.examination import Examination, by_motion, samples_of
+from suta_calib.trust.examination import Examination, by_motion, chain_of_rows, samples_of
 from suta_calib.trust.extended_problem import known_beforehand, offered_names
 from suta_calib.trust.held_out import robust_level
 from suta_calib.trust.linear_fit import LinearFit, RobustStep
@@ -91,7 +91,8 @@ def everything_follows(answer: Examination) -> ReducedFit:
     away = np.where(problem.prior_precision() > 0, x - problem.parameters.array("nominal"), 0.0)
     rows = whitened_rows(problem, x, sigmas)
     equations = sum(term.equations() for term in problem.terms)
-    fit = LinearFit.of_rows(rows, known_beforehand(problem), away, independent_rows=equations)
+    known, chain = known_beforehand(problem), chain_of_rows(problem, rows)
+    fit = LinearFit.of_rows(rows, known, away, independent_rows=equations, chain=chain)
     settled = fit.only(follows).robust
     return ReducedFit(problem, rows, fit.jacobian, lacking, settled.fit, settled.spent)
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -37,6 +37,17 @@ def chains_of(terms: Iterable[Term], end: End = "tip") -> dict[str, list[ArmMode
     return by_end
 
 
+def by_chain(terms: Sequence[Term]) -> Iterator[tuple[str, Sequence[Term]]]:
+    """The terms in which one fault may be, and what follows its description.
+
+    All of them; and of several chains those of each.
+    """
+    yield "", terms
+    chains = chains_of(terms)
+    for name, arms in chains.items() if len(chains) > 1 else ():
+        yield f", in the rows of chain {name}", [t for t in terms if arm_of(t) in arms]
+
+
 def with_columns(term: Term, **columns: Any) -> Term:
     """The term with other columns of its samples, such as ``q``, and all else as it was."""
     return term.over_poses(term.poses.with_samples(replace(term.poses.samples, **columns)))
@@ -46,9 +57,10 @@ def middle_joint_changed(
     term: Term, change: Callable[[FloatArray], FloatArray], effect: str, *size: float
 ) -> SpoiltData:
     """The term whose middle joint was read differently; in ``effect`` ``{}`` is its name."""
-    q, joint = term.poses.samples.q.copy(), len(arm_of(term).joints) // 2
+    q, own = term.poses.samples.q.copy(), arm_of(term).own_joints
+    name = own[len(own) // 2]
+    joint = arm_of(term).joints.index(name)
     q[:, joint] = change(q[:, joint])
-    name = arm_of(term).joints[joint]
     return SpoiltData(with_columns(term, q=q), np.array(size), effect.format(name))
 
 

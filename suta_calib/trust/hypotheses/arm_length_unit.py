@@ -31,7 +31,9 @@ class ArmLengthUnit(Reinterpretation):
         A length that hardly matters, or had better be none, does as well in the next smaller one.
         """
         units: dict[tuple[str, ...], list[tuple[str, tuple[Term, ...]]]] = {}
-        for length in other_lengths(arm_of(data.terms[0])):
+        arms = dict.fromkeys(map(arm_of, data.terms))
+        lengths = (length for arm in arms for length in other_lengths(arm))
+        for length in {length.sentence: length for length in lengths}.values():
             with suppress(SutaCalibError):
                 reading = length.sentence, tuple(_with_length(term, length) for term in data.terms)
                 units.setdefault(tuple(length.values), []).append(reading)

@@ -34,6 +34,8 @@ class CopiedColumn(Pattern):
 
     def spoil(self, data: Any, values: Truth, rng: np.random.Generator) -> SpoiltData:
         """The third column copied over the fourth."""
-        q, joints = data.poses.samples.q.copy(), arm_of(data).joints
-        q[:, 3] = q[:, 2]
-        return SpoiltData(with_columns(data, q=q), effect=f"{joints[2]} and {joints[3]} read")
+        q, arm = data.poses.samples.q.copy(), arm_of(data)
+        pair = arm.own_joints[2:4]
+        third, fourth = map(arm.joints.index, pair)
+        q[:, fourth] = q[:, third]
+        return SpoiltData(with_columns(data, q=q), effect=f"{' and '.join(pair)} read")

@@ -43,7 +43,7 @@ class JointError(AddedVariable):
     def spoil(self, data: Any, values: Truth, rng: np.random.Generator) -> SpoiltData:
         """An encoder disc off its axis: 0.2° once a turn."""
         arm = arm_of(data)
-        turning = [k for k, joint in enumerate(arm.joints) if arm.units[joint] == "rad"]
+        turning = [arm.joints.index(j) for j in arm.own_joints if arm.units[j] == "rad"]
         joint = int(rng.choice(turning))
         size = np.radians(0.2) * np.array([0.6, 0.8])
         q = data.poses.samples.q.copy()

@@ -33,6 +33,6 @@ class JointZero(MisreadJoints):
     def fault(self, term: Term) -> tuple[str, Samples]:
         """One of the inner joints reads 90° too much."""
         samples, arm = term.poses.samples, arm_of(term)
-        k = len(arm.joints) // 2
-        q = samples.q + from_deg(90.0) * np.eye(len(arm.joints))[k]
-        return f"{arm.joints[k]} reads 90° too much", replace(samples, q=q)
+        joint = arm.own_joints[len(arm.own_joints) // 2]
+        q = samples.q + from_deg(90.0) * np.eye(len(arm.joints))[arm.joints.index(joint)]
+        return f"{joint} reads 90° too much", replace(samples, q=q)

@@ -38,11 +38,11 @@ class LateRows(AddedVariable):
                 continue
             velocity = np.zeros((len(answer.q), 6, 1))
             velocity[first:end, :, 0] = np.einsum("nvj,nj->nv", motion[first:end], steps)
-            kind = answer.problem.terms[k].kind.replace("_", " ")
+            called = answer.problem.terms[k].called
             columns = answer.by_motion(velocity)
             # Rows by which they may be late, at most: more is looked for by reading them again
             # (`trust.hypotheses.rows_late`).
-            yield Effect(f"term {k + 1}", columns, np.array([1.0]), about=kind)
+            yield Effect(f"term {k + 1}", columns, np.array([1.0]), about=called)
 
     def sentence(self, evidence: Evidence) -> str:
         """The late part, and its delay in parts of a row."""

@@ -8,6 +8,7 @@ from suta_calib.errors import SamplesError
 from suta_calib.solver.problem import Problem
 from suta_calib.terms import Term
 from suta_calib.trust import Reinterpretation, SpoiltData, Truth
+from suta_calib.trust.simulated_faults import by_chain
 
 
 class MisreadObservations(Reinterpretation):
@@ -18,11 +19,13 @@ class MisreadObservations(Reinterpretation):
     precedence = 50
 
     def readings(self, data: Problem) -> Iterator[tuple[str, tuple[Term, ...]]]:
-        """One for each way that a kind knows."""
+        """One for each way that a kind knows; of several chains one for each too."""
         ways: dict[str, dict[int, Term]] = {}
-        for k, term in enumerate(data.terms):
-            for description, read in term.misread:
-                ways.setdefault(description, {})[k] = read
+        misread = {term: [*term.misread] for term in data.terms}
+        for where, suspects in by_chain(data.terms):
+            for k, term in enumerate(data.terms):
+                for description, read in misread[term] if term in suspects else ():
+                    ways.setdefault(description + where, {})[k] = read
         for description, way in ways.items():
             yield description, tuple(way.get(k, term) for k, term in enumerate(data.terms))
 

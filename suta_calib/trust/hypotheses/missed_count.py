@@ -88,9 +88,9 @@ class MissedCount(Reinterpretation):
 
     def spoil(self, data: Term, values: Truth, rng: np.random.Generator) -> SpoiltData:
         """An inner joint reads a tenth of a turn too little in the rows where it is farthest."""
-        q, joint = data.poses.samples.q.copy(), len(arm_of(data).joints) - 2
+        q, name = data.poses.samples.q.copy(), arm_of(data).own_joints[-2]
+        joint = arm_of(data).joints.index(name)
         q[:, joint] -= from_deg(36.0) * (q[:, joint] > np.quantile(q[:, joint], 0.6))
-        name = arm_of(data).joints[joint]
         return SpoiltData(with_columns(data, q=q), effect=f"{name} reads 36.0000 deg too little")
 
 

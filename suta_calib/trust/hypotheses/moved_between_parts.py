@@ -1,6 +1,6 @@
 """An instrument, an artefact or a point that was moved between two parts of the rows."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from typing import Final
 
@@ -13,7 +13,7 @@ from suta_calib.solver.problem import Problem
 from suta_calib.terms import Term
 from suta_calib.terms.instrument_terms import InstrumentTerm
 from suta_calib.trust import Reinterpretation, SpoiltData, Truth
-from suta_calib.trust.simulated_faults import displaced, with_columns
+from suta_calib.trust.simulated_faults import by_chain, displaced, with_columns
 
 WHAT: Final = "the instrument, the artefact or the touched point"
 HALVES: Final = f"{WHAT} was moved after the first half of the rows"
@@ -31,14 +31,19 @@ class MovedBetween(Reinterpretation):
     tried = "last"
 
     def readings(self, data: Problem) -> Iterator[tuple[str, tuple[Term, ...]]]:
-        """Two: between the halves, and between the files."""
+        """Between the halves, of one chain too, and between the files."""
         by_file = f"{WHAT} was moved between the files"
-        ways: tuple[tuple[str, Parts], ...] = (
-            (HALVES, _half),
-            (by_file, lambda samples, _: samples.file_names),
-        )
-        for description, parts in ways:
-            terms = [part for term in data.terms for part in _divided(term, parts)]
+        every = data.terms
+        ways: list[tuple[str, Parts, Sequence[Term]]] = [
+            *((HALVES + where, _half, terms) for where, terms in by_chain(every)),
+            (by_file, lambda samples, _: samples.file_names, every),
+        ]
+        for description, parts, divided in ways:
+            terms = [
+                part
+                for term in every
+                for part in (_divided(term, parts) if term in divided else (term,))
+            ]
             if any(term not in data.terms for term in terms):
                 yield description, tuple(terms)
 

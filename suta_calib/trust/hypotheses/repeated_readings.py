@@ -32,7 +32,7 @@ class RepeatedReadings(Pattern):
             rows = _repeated(term)
             if rows.any():
                 yield (
-                    f"{np.sum(rows)} rows of {term.kind.replace('_', ' ')} "
+                    f"{np.sum(rows)} rows of {term.called} "
                     f"({term.poses.samples.origin[int(np.argmax(rows))]} is the first) read the "
                     "same in all joints, to the last digit, as rows of other postures. Did the bus "
                     "repeat its last answer, or do zeros stand for missing readings? Leave these "

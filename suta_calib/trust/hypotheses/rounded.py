@@ -91,7 +91,7 @@ def _of_positions(terms: Sequence[Term]) -> Iterator[tuple[str, str, float]]:
     for term in terms:
         position = term.poses.samples.position
         if position is not None and (step := _step(position.reshape(-1), (0.1, 0.01, 1e-3, 1e-4))):
-            what = f"The positions of {term.kind.replace('_', ' ')}"
+            what = f"The positions of {term.called}"
             yield what, text(step, "m", with_unit=True), step / math.sqrt(12.0)
 
 

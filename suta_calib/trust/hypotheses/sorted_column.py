@@ -24,7 +24,8 @@ class SortedColumn(Pattern):
 
     def of_terms(self, terms: Sequence[Term]) -> Iterator[str]:
         """One, of one joint."""
-        ordered = list[list[int]]()
+        # Joints that are in order in each file, of all that it has.
+        ordered = list[tuple[list[str], tuple[str, ...]]]()
         for term in terms:
             samples, arm = term.poses.samples, arm_of(term)
             own = np.isin(arm.joints, arm.own_joints)
@@ -33,12 +34,14 @@ class SortedColumn(Pattern):
                 steps, moves = np.diff(q, axis=0), own & (np.ptp(q, axis=0) > 10 * STILL)
                 monotonic = np.all(steps >= 0, axis=0) | np.all(steps <= 0, axis=0)
                 if len(q) >= ENOUGH_ROWS and moves.sum() > 1:
-                    ordered.append(np.flatnonzero(monotonic & moves).tolist())
-        if ordered and len(ordered[0]) == 1 and all(file == ordered[0] for file in ordered):
+                    in_order = np.compress(monotonic & moves, arm.joints).tolist()
+                    ordered.append((in_order, arm.own_joints))
+        joints = dict.fromkeys(joint for in_order, _ in ordered for joint in in_order)
+        alone = [j for j in joints if all(file == [j] for file, own in ordered if j in own)]
+        if len(alone) == 1:
             yield (
-                f"The readings of {arm_of(terms[0]).joints[ordered[0][0]]} are sorted, those of "
-                "no other joint are. Was its column sorted without the others? Export the "
-                "readings again."
+                f"The readings of {alone[0]} are sorted, those of no other joint are. Was its "
+                "column sorted without the others? Export the readings again."
             )
 
     def spoil(self, data: Any, values: Truth, rng: np.random.Generator) -> SpoiltData:

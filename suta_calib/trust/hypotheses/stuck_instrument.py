@@ -32,7 +32,7 @@ class StuckInstrument(Pattern):
             again = np.flatnonzero(moved & np.all(position == position[before], axis=1))
             if len(again):
                 yield (
-                    f"{len(again)} rows of {term.kind.replace('_', ' ')} "
+                    f"{len(again)} rows of {term.called} "
                     f"({samples.origin[again[0]]} is the first) repeat to the last digit the "
                     "position of an earlier row, though the arm had moved. Did the instrument "
                     "repeat its last value, or were rows copied? Leave these rows out."

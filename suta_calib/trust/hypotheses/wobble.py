@@ -61,7 +61,7 @@ class Wobble(AddedVariable):
     def spoil(self, data: Any, values: Truth, rng: np.random.Generator) -> SpoiltData:
         """An axis that tilts by 0.1° twice a turn."""
         arm = arm_of(data)
-        joint = str(rng.choice([j for j in arm.joints if arm.units[j] == "rad"][:-1]))
+        joint = str(rng.choice([j for j in arm.own_joints if arm.units[j] == "rad"][:-1]))
         q = data.poses.samples.q
         size = from_deg(0.1) * np.array([0.6, 0.0, 0.0, 0.8])
         across = _turned(arm, joint, q, values)
