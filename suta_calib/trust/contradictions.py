@@ -103,8 +103,8 @@ def _residuals(solution: Solution) -> Iterator[Contradiction]:
             yield Contradiction(
                 times > RESIDUAL,
                 f"The {block.name} residuals{chain} are {scatter} per axis, {times:.0f} times the "
-                f"noise that the job states ({stated}): the data do not fit this arm. If the instrument "
-                f"really has so much noise, state it (sigma_{unit}).",
+                f"noise that the job states ({stated}): the data do not fit this arm. If the "
+                f"instrument really has so much noise, state it (sigma_{unit}).",
             )
         elif not given and times > RESIDUAL_CARE:
             yield from _unstated(solution, k, times, unit, chain, right_rows=owners[k] in fitting)
@@ -112,7 +112,8 @@ def _residuals(solution: Solution) -> Iterator[Contradiction]:
             yield Contradiction(
                 False,
                 f"The {block.name} residuals{chain} are "
-                f"{text(learnt, block.unit, with_unit=True)} per axis, far less than the noise that the job states ({stated}). Priors then pull "
+                f"{text(learnt, block.unit, with_unit=True)} per axis, far less than the "
+                f"noise that the job states ({stated}). Priors then pull "
                 f"the estimates too much. State a smaller sigma_{unit}.",
             )
         if level > 1e-9:
