@@ -33,13 +33,20 @@ ROOT: Final = Path(__file__).parents[1]
 RESULTS: Final = ROOT / "benchmarks" / "results" / "false_alarms.md"
 # The scenes of the tests are the sound jobs.
 sys.path.insert(0, str(ROOT / "tests" / "support"))
-from clean_jobs import SORTS, as_init_frees, judged, with_priors  # noqa: E402
+from clean_jobs import (  # noqa: E402
+    MIXED,
+    SORTS,
+    as_init_frees,
+    judged,
+    judged_chains,
+    with_priors,
+)
 from pose_scenes import pair_numbers, pivot_numbers, point_numbers  # noqa: E402
 from simulated import arm_named  # noqa: E402
 
 
 class Case(NamedTuple):
-    """One sound job: of an arm (kind, orientations, what is unknown), or on poses."""
+    """One sound job: of an arm (kind, orientations, what is unknown), a robot, or on poses."""
 
     kind: str
     oriented: bool
@@ -65,11 +72,13 @@ class Outcome(NamedTuple):
 
 
 def cases(seeds: int) -> Iterator[Case]:
-    """Every kind with every seed, and the answers on poses."""
+    """Every kind with every seed, kinds mixed over chains, and the answers on poses."""
     for seed in range(seeds):
         for kind, oriented in SORTS:
             for unknown in ("bounds", "priors"):
                 yield Case(kind, oriented, unknown, seed)
+        for mixed in MIXED:
+            yield Case(f"robot: {mixed}", True, "chains", seed)
         for command in ("pivot", "hand-eye in hand", "hand-eye to hand", "register"):
             yield Case(command, True, "poses", seed)
 
@@ -77,7 +86,8 @@ def cases(seeds: int) -> Iterator[Case]:
 def outcome(case: Case) -> Outcome:
     """Calibrate one sound job and say what the judgement is."""
     warnings.simplefilter("ignore")
-    found = on_poses(case) if case.unknown == "poses" else of_arm(case)
+    of = {"poses": on_poses, "chains": of_chains}.get(case.unknown, of_arm)
+    found = of(case)
     return Outcome(case, found[0], found[1])
 
 
@@ -86,6 +96,12 @@ def of_arm(case: Case) -> tuple[str, tuple[str, ...]]:
     arm = arm_named("suta")
     unknown = as_init_frees(arm) if case.unknown == "bounds" else with_priors(arm)
     verdict = judged(arm, unknown, case.kind, case.oriented, case.seed)
+    return verdict.level, tuple(verdict.notes)
+
+
+def of_chains(case: Case) -> tuple[str, tuple[str, ...]]:
+    """Verdict and notes of a job of several chains of one robot."""
+    verdict = judged_chains(MIXED[case.kind.removeprefix("robot: ")], case.seed)
     return verdict.level, tuple(verdict.notes)
 
 
@@ -117,7 +133,8 @@ def page(outcomes: Sequence[Outcome]) -> str:
         "# False alarms over sound simulated jobs",
         "",
         "`python benchmarks/false_alarms.py` writes this page. An alarm is any verdict but *good*,",
-        "unless it is care for nothing but parameters that such data leave open. The last one is",
+        "unless it is care for nothing but parameters that such data leave open. *robot* is one",
+        "job of several chains that share joints, each with a kind of its own. The last column is",
         "the upper end of the rate (Clopper and Pearson 1934, 95 %, one-sided).",
         "",
         "| kind | jobs | alarms | rate below |",

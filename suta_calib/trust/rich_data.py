@@ -271,9 +271,9 @@ class RichData:
         size[size < NULL * np.diag(curvature)[self._free].max(initial=0.0)] = 0.0
         return problem, np.asarray((vectors * size) @ vectors.T)
 
-    def observations(self, sort: Sort, label: str) -> tuple[Term, dict[str, float]]:
-        """Rich data of one sort, by the first chain: without noise, and what is true of them."""
-        return self._observations(sort, label, self._reached[0])
+    def observations(self, sort: Sort, label: str, chain: int = 0) -> tuple[Term, dict[str, float]]:
+        """Rich data of one sort, by one of the chains: without noise, and what is true of them."""
+        return self._observations(sort, label, self._reached[chain])
 
     def _observations(
         self, sort: Sort, label: str, chain: _Reached

@@ -3,14 +3,29 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
-from suta_calib import Problem, Selection, Solution, SolverOptions, Term, TrackedPoint, solve
+from suta_calib import (
+    ArmModel,
+    Calibration,
+    Problem,
+    Robot,
+    Selection,
+    Solution,
+    SolverOptions,
+    Term,
+    TrackedPoint,
+    solve,
+)
+from suta_calib.geometry import register_points
 from suta_calib.geometry.numbers import rotation_from_vector
 from suta_calib.terms.several_chains import over_chain
 from suta_calib.trust.calibration_examination import CalibrationExamination
 from suta_calib.trust.hypothesis import Hypothesis, SpoiltData
+from suta_calib.trust.tip import Sensitivity, sensitivity
 from tests.support.torso_robot import SEEN, built, torso_robot
 
 ROBOT = torso_robot()
@@ -68,3 +83,64 @@ def examined(terms: list[Term]) -> CalibrationExamination:
     solution = solve(Problem(terms, UNKNOWN), SolverOptions(starts=1, confirm=False))
     assert solution.converged
     return CalibrationExamination.of(solution)
+
+
+def anywhere(arm: ArmModel, n: int, rng: np.random.Generator) -> NDArray[np.float64]:
+    """(n, joints) readings anywhere within the limits, no joint beyond three quarters of a turn."""
+    ends = [(max(j.lower, -2.4), min(j.upper, 2.4)) for j in arm.readings]
+    low, high = np.array(ends).T
+    return rng.uniform(low, high, (n, len(ends)))
+
+
+def both_tips(
+    robot: Robot, values: dict[str, float], n: int, rng: np.random.Generator, sigma: float = 2e-4
+) -> list[Term]:
+    """An instrument sees the tip of every chain in n postures of its own."""
+    terms = list[Term]()
+    for arm in robot.chains.values():
+        q = anywhere(arm, n, rng)
+        position = arm.forward(q, values)[1] @ SEEN[0].T + SEEN[1]
+        seen = position + rng.normal(0.0, sigma, position.shape)
+        terms.append(TrackedPoint.from_arrays(arm, q, position=seen))
+    return terms
+
+
+class TipError(NamedTuple):
+    """Of one hand, m: RMS over postures.
+
+    Attributes:
+        error: distance from the truth.
+        stated: what the answer says of it.
+    """
+
+    error: float
+    stated: float
+
+
+def tip_errors(
+    robot: Robot, result: Calibration, truth: dict[str, float], rng: np.random.Generator
+) -> dict[str, TipError]:
+    """Of every hand in 100 postures each, all of them registered together."""
+    solution, values = result.solution, result.solution.values
+    count = solution.problem.arm_count
+    free = solution.free[solution.free < count]
+    names = [solution.problem.names[k] for k in free]
+    covariance = solution.covariance[np.ix_(free, free)]
+    assert isinstance(solution.problem.arm, Robot)
+    found, true = list[Sensitivity](), list[NDArray[np.float64]]()
+    for lone, arm in zip(robot.chains.values(), solution.problem.arm.arms, strict=True):
+        own = anywhere(lone, 100, rng)
+        q = np.zeros((len(own), len(arm.joints)))
+        q[:, [arm.joints.index(joint) for joint in lone.joints]] = own
+        found.append(sensitivity(arm, values, names, q))
+        true.append(lone.forward(own, truth)[1])
+    parts = ("q", "position", "rotation", "jacobian")
+    every = Sensitivity(*(np.concatenate([getattr(s, p) for s in found]) for p in parts))
+    rotation, position = register_points(every.position, np.concatenate(true))
+    off = every.position @ rotation.T + position - np.concatenate(true)
+    std = every.std(covariance, every.registered())
+    errors = np.split(np.linalg.norm(off, axis=1), len(found))
+    return {
+        name: TipError(*(float(np.sqrt(np.mean(part**2))) for part in both))
+        for name, *both in zip(robot.chains, errors, np.split(std, len(found)), strict=True)
+    }

@@ -3,15 +3,28 @@
 from __future__ import annotations
 
 import re
+from pathlib import Path
 
 import numpy as np
 import pytest
 
+from suta_calib import Robot, calibrate, robots
 from suta_calib.registry import shipped
 from suta_calib.trust import Hypothesis, Pattern, Reinterpretation, Rule, examine, known_hypotheses
 from suta_calib.trust.changes import changes
 from suta_calib.trust.rereading import explaining_reading
-from tests.support.two_armed import ROBOT, both_hands, examined, fitted, spoilt
+from tests.support.clean_jobs import MIXED, judged_chains
+from tests.support.simulated import ROBOTS
+from tests.support.torso_robot import built
+from tests.support.two_armed import (
+    ROBOT,
+    both_hands,
+    both_tips,
+    examined,
+    fitted,
+    spoilt,
+    tip_errors,
+)
 
 # What an instrument that sees both hands cannot have, what is refused in words before anything is
 # solved, what is the same as no fault (a target's place on a free tip), and what one arm's data
@@ -40,6 +53,7 @@ EXAMINED = {name: h for name, h in FAULTS.items() if name not in REREAD and name
 # What explains data as well: a gain is the travel of an encoder.
 ALIKE = {"encoder travel": "joint error"}
 QUICK = {"sign of a joint", "rows reversed", "moved between", "missed count"}
+WHOLE_ROBOT = Path(__file__).parents[2] / "examples" / "whole_robot" / "robot.urdf"
 ARMS = [*enumerate(ROBOT.chains)]
 
 
@@ -109,3 +123,56 @@ def test_sound_data_of_two_arms_are_silent(seed: int) -> None:
     answer = examined(both_hands(seed)[0])
     assert not examine(answer)
     assert not changes(answer)
+
+
+def ratios_of_tip_errors(seeds: range) -> np.ndarray:
+    """(seeds, hands) tip errors over what is stated, of both hands in one frame."""
+    robot = Robot.from_urdf(WHOLE_ROBOT, {side: (f"{side}_hand", None) for side in ROBOT.chains})
+    ratios = []
+    for seed in seeds:
+        rng = np.random.default_rng(seed)
+        truth = built(robot, rng)
+        fitted_terms, held = both_tips(robot, truth, 80, rng), both_tips(robot, truth, 30, rng)
+        result = calibrate(robot, fitted_terms, validation=held, free=["geometric", "*.offset"])
+        assert result.assessment.level == "good"
+        errors = tip_errors(robot, result, truth, rng)
+        ratios.append([error / stated for error, stated in errors.values()])
+    return np.array(ratios)
+
+
+def test_both_hands_are_where_they_are_stated_to_be() -> None:
+    ratios = ratios_of_tip_errors(range(5))
+    assert np.all((ratios > 0.5) & (ratios < 1.6))
+    assert np.all(np.abs(np.sqrt(np.mean(ratios**2, axis=0)) - 1.0) < 0.25)
+
+
+@pytest.mark.slow
+def test_both_hands_are_where_they_are_stated_to_be_on_average() -> None:
+    ratios = ratios_of_tip_errors(range(40))
+    assert np.all(np.abs(np.sqrt(np.mean(ratios**2, axis=0)) - 1.0) < 0.1)
+
+
+@pytest.mark.skipif(not ROBOTS.is_dir(), reason="example-robot-data is not installed")
+def test_both_grippers_of_a_humanoid_are_found_to_the_noise() -> None:
+    """`benchmarks/pairs_of_tips.py` does it for every pair of tips of thirteen robots."""
+    tips = {side: (f"wrist_{side}_ft_tool_link", None) for side in ROBOT.chains}
+    robot, rng = Robot.from_urdf(robots.path("talos_full_v2"), tips), np.random.default_rng(0)
+    truth = built(robot, rng)
+    terms, held = both_tips(robot, truth, 80, rng), both_tips(robot, truth, 40, rng)
+    result = calibrate(robot, terms, validation=held, free=["geometric", "*.offset"])
+    assert result.assessment.level == "good"
+    assert all(0.75 < errors.ratio < 1.33 for errors in result.examined.held_out)
+
+
+@pytest.mark.parametrize("mixed", ["tracked and points", "head camera and both"])
+def test_a_sound_job_of_several_kinds_is_good(mixed: str) -> None:
+    verdict = judged_chains(MIXED[mixed], 0)
+    assert verdict.level == "good", verdict.notes
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize("mixed", MIXED)
+def test_forty_sound_jobs_of_several_kinds_are_good(mixed: str, seed: int) -> None:
+    verdict = judged_chains(MIXED[mixed], seed)
+    assert verdict.level == "good", verdict.notes
