@@ -111,6 +111,12 @@ class HeldOutErrors:
         return robust_level(self.residual)
 
     @property
+    def by_noise(self) -> float:
+        """What noise alone makes of a component, by the median, without the parameters."""
+        squared = np.maximum(self.predicted**2 - self.by_parameters**2, 0.0)
+        return float(np.sqrt(np.median(squared)))
+
+    @property
     def normalised(self) -> FloatArray:
         """Norms (n,) in units of what is predicted."""
         return np.asarray(np.linalg.norm(self.residual, axis=1) / self.predicted)
