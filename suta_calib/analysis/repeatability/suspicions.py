@@ -127,7 +127,7 @@ def _readings(arm: ArmModel) -> Iterator[tuple[str, Callable[[Samples], Samples]
     """Other readings of the columns, each with what would have to be so."""
     joints = [h for h in known_hypotheses().values() if isinstance(h, MisreadJoints)]
     for hypothesis in sorted(joints, key=lambda h: h.precedence):
-        yield from hypothesis.of_arm(arm)
+        yield from hypothesis.of_joints(arm, arm.own_joints)
     for k, (name, unit) in enumerate(arm.units.items()):
         for other, factor in UNITS.get(unit, {}).items():
             yield f"the readings of {name} are in {other}, not {unit}", partial(_times, k, factor)
