@@ -18,6 +18,7 @@ import json
 import os
 import re
 import shutil
+import sys
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
@@ -35,7 +36,7 @@ from tables import number_table
 from what_goes_wrong import CORRUPTIONS, Corruption
 from wrong_samples import URDF
 
-from suta_calib import CalibrationJob, Samples, Solution, SutaCalibError
+from suta_calib import CalibrationJob, Problem, Samples, Solution, SutaCalibError, Term, solve
 from suta_calib.arrays import FloatArray
 from suta_calib.geometry import register_points, rms_length
 from suta_calib.measurements import read_artefact, write_artefact
@@ -43,7 +44,14 @@ from suta_calib.registry import shipped
 from suta_calib.simulation import Simulation, write_simulation
 from suta_calib.terms import KINDS as KINDS_BY_NAME
 from suta_calib.trust import Hypothesis, known_hypotheses
+from suta_calib.trust.assessment import assess_calibration
+from suta_calib.trust.calibration_examination import CalibrationExamination
 from suta_calib.units import mm
+
+# The two arms of the tests are those of the study.
+sys.path.insert(0, str(Path(__file__).parents[1]))
+from tests.support.two_armed import ROBOT, UNKNOWN, both_hands, spoilt
+from tests.support.two_armed import tip_errors as tip_errors_of_chains
 
 # Times what is stated, from which on a tip is wrong; and what no job states less than, m.
 WRONG: Final = 3.0
@@ -215,6 +223,42 @@ def registry_faults(jobs: Sequence[Sound]) -> Iterator[Judged]:
                 found, effect = found_effect
                 called = (effect.strip() or fault.name, *fault.hypothesis.name.split(" ")[:1])
                 yield judge(found, clean, Corruption(fault.name, called))
+
+
+def chain_faults() -> Iterator[Judged]:
+    """Two arms on one torso, and what became of them with the fault of every hypothesis in one.
+
+    The cause is named where its arm is named with it: its joint, its file or its chain.
+    """
+    faults = [h for h in shipped(known_hypotheses()).values() if h.needs_arm]
+    clean = _of_chains("two arms", "nothing", *both_hands(1))
+    yield judge_sound(clean)
+    for arm, side in enumerate(ROBOT.chains):
+        for hypothesis in faults:
+            try:
+                fault, terms = spoilt(hypothesis, arm)
+            except (LookupError, AttributeError, SutaCalibError):
+                continue
+            found = _of_chains(f"two arms, {side}", hypothesis.about, terms, both_hands(1)[1])
+            first = hypothesis.name.split(" ")[0].replace("tip", "tool")
+            words = fault.effect.strip() or hypothesis.name, first
+            judged = judge(found, clean, Corruption(hypothesis.about, words))
+            yield replace(judged, named=judged.named and any(side in s for s in found.said))
+
+
+def _of_chains(job: str, fault: str, terms: Sequence[Term], truth: Mapping[str, float]) -> Outcome:
+    began, rng = process_time(), np.random.default_rng(0)
+    try:
+        solution = solve(Problem(terms, UNKNOWN))
+        judged = assess_calibration(CalibrationExamination.of(solution))
+    except SutaCalibError as error:
+        return Outcome(job, fault, "refused", (str(error),), seconds=process_time() - began)
+    error, stated = np.nan, np.nan
+    if judged.usable:
+        hands = tip_errors_of_chains(ROBOT, solution, dict(truth), rng).values()
+        error, stated = max(hands, key=lambda hand: hand.error / hand.stated)
+    said = (judged.sentence, *judged.notes)
+    return Outcome(job, fault, judged.level, said, error, stated, process_time() - began)
 
 
 def tip_errors(
@@ -389,7 +433,13 @@ def main() -> None:
     parser.add_argument(
         "--registry", action="store_true", help="The faults of trust/hypotheses in place of these."
     )
+    parser.add_argument(
+        "--chains", action="store_true", help="The same faults in one arm of two on one torso."
+    )
     asked = parser.parse_args()
+    if asked.chains:
+        show(list(chain_faults()), Console(width=180))
+        return
     kinds = asked.kind or (["tracked_point", "landmark"] if asked.quick else [*KINDS, "shipped"])
     simulated = [kind for kind in kinds if kind != "shipped"]
     jobs = [*sound_jobs(simulated, shipped="shipped" in kinds, starts=asked.starts)]

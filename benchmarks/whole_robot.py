@@ -41,7 +41,7 @@ def of_seed(seed: int) -> tuple[str, dict[str, TipError], int]:
     truth = built(robot, rng)
     fitted, held_out = both_tips(robot, truth, 80, rng), both_tips(robot, truth, 30, rng)
     result = calibrate(robot, fitted, validation=held_out, free=["geometric", "*.offset"])
-    errors = tip_errors(robot, result, truth, rng)
+    errors = tip_errors(robot, result.solution, truth, rng)
     return result.assessment.level, errors, len(result.solution.free)
 
 

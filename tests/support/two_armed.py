@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from suta_calib import (
     ArmModel,
-    Calibration,
     Problem,
     Robot,
     Selection,
@@ -118,10 +117,10 @@ class TipError(NamedTuple):
 
 
 def tip_errors(
-    robot: Robot, result: Calibration, truth: dict[str, float], rng: np.random.Generator
+    robot: Robot, solution: Solution, truth: dict[str, float], rng: np.random.Generator
 ) -> dict[str, TipError]:
     """Of every hand in 100 postures each, all of them registered together."""
-    solution, values = result.solution, result.solution.values
+    values = solution.values
     count = solution.problem.arm_count
     free = solution.free[solution.free < count]
     names = [solution.problem.names[k] for k in free]

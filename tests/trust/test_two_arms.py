@@ -135,7 +135,7 @@ def ratios_of_tip_errors(seeds: range) -> np.ndarray:
         fitted_terms, held = both_tips(robot, truth, 80, rng), both_tips(robot, truth, 30, rng)
         result = calibrate(robot, fitted_terms, validation=held, free=["geometric", "*.offset"])
         assert result.assessment.level == "good"
-        errors = tip_errors(robot, result, truth, rng)
+        errors = tip_errors(robot, result.solution, truth, rng)
         ratios.append([error / stated for error, stated in errors.values()])
     return np.array(ratios)
 
