@@ -36,7 +36,16 @@ from tables import number_table
 from what_goes_wrong import CORRUPTIONS, Corruption
 from wrong_samples import URDF
 
-from suta_calib import CalibrationJob, Problem, Samples, Solution, SutaCalibError, Term, solve
+from suta_calib import (
+    CalibrationJob,
+    Problem,
+    Samples,
+    Solution,
+    SutaCalibError,
+    Term,
+    TrackedPoint,
+    solve,
+)
 from suta_calib.arrays import FloatArray
 from suta_calib.geometry import register_points, rms_length
 from suta_calib.measurements import read_artefact, write_artefact
@@ -230,7 +239,8 @@ def chain_faults() -> Iterator[Judged]:
 
     The cause is named where its arm is named with it: its joint, its file or its chain.
     """
-    faults = [h for h in shipped(known_hypotheses()).values() if h.needs_arm]
+    every = shipped(known_hypotheses()).values()
+    faults = [h for h in every if h.needs_arm and issubclass(TrackedPoint, h.applies_to)]
     clean = _of_chains("two arms", "nothing", *both_hands(1))
     yield judge_sound(clean)
     for arm, side in enumerate(ROBOT.chains):

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from suta_calib import Robot, calibrate, robots
+from suta_calib import Robot, TrackedPoint, calibrate, robots
 from suta_calib.registry import shipped
 from suta_calib.trust import Hypothesis, Pattern, Reinterpretation, Rule, examine, known_hypotheses
 from suta_calib.trust.changes import changes
@@ -45,7 +45,7 @@ OTHER_DATA = {
 FAULTS = {
     name: h
     for name, h in shipped(known_hypotheses()).items()
-    if h.needs_arm and name not in OTHER_DATA
+    if h.needs_arm and issubclass(TrackedPoint, h.applies_to) and name not in OTHER_DATA
 }
 REREAD = {name: h for name, h in FAULTS.items() if isinstance(h, Reinterpretation)}
 PATTERNS = {name: h for name, h in FAULTS.items() if isinstance(h, Pattern)}
