@@ -38,13 +38,11 @@ from wrong_samples import URDF
 
 from suta_calib import (
     CalibrationJob,
-    Problem,
     Samples,
     Solution,
     SutaCalibError,
     Term,
     TrackedPoint,
-    solve,
 )
 from suta_calib.arrays import FloatArray
 from suta_calib.geometry import register_points, rms_length
@@ -53,13 +51,11 @@ from suta_calib.registry import shipped
 from suta_calib.simulation import Simulation, write_simulation
 from suta_calib.terms import KINDS as KINDS_BY_NAME
 from suta_calib.trust import Hypothesis, known_hypotheses
-from suta_calib.trust.assessment import assess_calibration
-from suta_calib.trust.calibration_examination import CalibrationExamination
 from suta_calib.units import mm
 
 # The two arms of the tests are those of the study.
 sys.path.insert(0, str(Path(__file__).parents[1]))
-from tests.support.two_armed import ROBOT, UNKNOWN, both_hands, spoilt
+from tests.support.two_armed import ROBOT, both_hands, judged_hands, spoilt
 from tests.support.two_armed import tip_errors as tip_errors_of_chains
 
 # Times what is stated, from which on a tip is wrong; and what no job states less than, m.
@@ -259,8 +255,7 @@ def chain_faults() -> Iterator[Judged]:
 def _of_chains(job: str, fault: str, terms: Sequence[Term], truth: Mapping[str, float]) -> Outcome:
     began, rng = process_time(), np.random.default_rng(0)
     try:
-        solution = solve(Problem(terms, UNKNOWN))
-        judged = assess_calibration(CalibrationExamination.of(solution))
+        solution, judged = judged_hands(terms)
     except SutaCalibError as error:
         return Outcome(job, fault, "refused", (str(error),), seconds=process_time() - began)
     error, stated = np.nan, np.nan

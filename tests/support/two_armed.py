@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -19,9 +20,11 @@ from suta_calib import (
     TrackedPoint,
     solve,
 )
+from suta_calib.assessment import Assessment
 from suta_calib.geometry import register_points
 from suta_calib.geometry.numbers import rotation_from_vector
 from suta_calib.terms.several_chains import over_chain
+from suta_calib.trust.assessment import assess_calibration
 from suta_calib.trust.calibration_examination import CalibrationExamination
 from suta_calib.trust.hypothesis import Hypothesis, SpoiltData
 from suta_calib.trust.tip import Sensitivity, sensitivity
@@ -82,6 +85,12 @@ def examined(terms: list[Term]) -> CalibrationExamination:
     solution = solve(Problem(terms, UNKNOWN), SolverOptions(starts=1, confirm=False))
     assert solution.converged
     return CalibrationExamination.of(solution)
+
+
+def judged_hands(terms: Sequence[Term]) -> tuple[Solution, Assessment]:
+    """The answer with its robust fit, and the whole judgement of it."""
+    solution = solve(Problem(terms, UNKNOWN))
+    return solution, assess_calibration(CalibrationExamination.of(solution))
 
 
 def anywhere(arm: ArmModel, n: int, rng: np.random.Generator) -> NDArray[np.float64]:
