@@ -31,6 +31,8 @@ from traitlets.config import Config
 LONGEST = 900
 # Smaller files for whoever stores the pictures; a third of the time that they take.
 SMALLER_FILES = re.compile(r"^%config InlineBackend\.print_figure_kwargs.*$", re.M)
+# Commands that keep up with a device.
+REAL_TIME = ("measure", "track")
 run_process = subprocess.run
 # What Python does not tell of by itself.
 UNTOLD = (DeprecationWarning, PendingDeprecationWarning, ImportWarning, ResourceWarning)
@@ -87,8 +89,8 @@ def _run(cells: list[str], folder: Path, sender: Connection) -> None:
 
 
 def _run_here(command: list[str], **how: Any) -> subprocess.CompletedProcess[str]:
-    """`suta-calib` in this process; anything else in one of its own, as usual."""
-    if command[:3] != [sys.executable, "-m", "suta_calib"]:
+    """`suta-calib` in this process; in one of its own what is none, or what reads a device."""
+    if command[:3] != [sys.executable, "-m", "suta_calib"] or command[3] in REAL_TIME:
         return run_process(command, **how)
     with chdir(how["cwd"]):
         code, out, err = spoken(*command[3:])
