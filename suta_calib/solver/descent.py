@@ -20,7 +20,7 @@ from suta_calib.arrays import FloatArray
 # deviation, of which that step leaves next to nothing.
 NEGLIGIBLE: Final = 1e-12
 # Evaluations; a descent that needs more creeps along, and is left to IPOPT.
-_MOST_EVALUATIONS: Final = 150
+_MOST_EVALUATIONS: Final = 60
 # Shares of the diagonal. Where priors alone hold how several unknowns move together, the valley is
 # curved and a whole step leaves it, but the least damping turns it: a hundredth would stop it.
 _LEAST_DAMPING: Final = 1e-6
