@@ -63,7 +63,8 @@ def _sizes(
 @option("--sizes LIST", "Numbers of sets, such as 1-10 or 2,4,8; default: 1-10.", callback=_sizes)
 @option(
     "--unit [set|placement|point|…|sample]",
-    "What is drawn as one unit; default: set (one placement and repeat), if the data have sets.",
+    "What is drawn at random as a whole, such as all rows of one placement and repeat (set); "
+    "default: set, if the data have sets.",
 )
 @option("--tolerance-pct", "Allowed error above the mean of the largest size, in %.", POSITIVE, 5.0)
 @option("--walk-deg", "drift: change of each angle in one day (1 std).", FiniteRange(0, 360))

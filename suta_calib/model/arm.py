@@ -419,8 +419,9 @@ class ArmModel(Mechanism):
                 continue
             if self.chain.loops:
                 raise UrdfError(
-                    f"{parameter.name} of an arm with a closed loop",
-                    "a compliance of a chain without loops: a loop takes part of the load",
+                    f"{parameter.name}, but the arm has a closed loop",
+                    "compliances of arms without closed loops only, because a loop carries part of "
+                    "the load",
                     file=self.chain.path,
                     where=parameter.name,
                 )

@@ -261,7 +261,7 @@ def _facts(certification: Certification) -> list[str]:
         f"One touched coordinate scatters by {um(certification.noise):.2f} µm "
         f"({noise_source(certification)}); 95 % intervals are ± "
         f"{certification.coverage_factor:.2f} σ. The σ above is the largest of a landmark's three "
-        "coordinates; artefact.yaml states the same.",
+        "coordinates; artefact.yaml has this value for each landmark.",
         f"Ground: {ground.count} touches, {um(ground.rms):.1f} µm RMS, flat to "
         f"{um(ground.flatness):.1f} µm.",
     ]

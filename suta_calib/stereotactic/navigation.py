@@ -62,7 +62,7 @@ class Navigation:
         return (
             f"The fiducials are {mm(registration.rms):.2f} mm RMS from the places that the other "
             f"fiducials predict; the readings of the probe explain {mm(explained):.2f} mm. One "
-            "fiducial was touched elsewhere, has moved, or is wrong in CT, and ± does not include "
-            f"that. Fiducial {int(np.argmax(residuals)) + 1} has the largest error, "
+            "fiducial was touched beside its place, has moved, or is wrong in CT. No ± includes "
+            f"this error. Fiducial {int(np.argmax(residuals)) + 1} has the largest error, "
             f"{mm(residuals.max()):.2f} mm."
         )

@@ -117,7 +117,8 @@ class DriftStudy(Displayable):
         limit = f"{mm(self.limit):.3f} mm"
         if math.isinf(self.interval):
             return Assessment.of(
-                f"Within {self.options.days:g} days, fewer than 5 % of the arms exceed {limit} RMS"
+                f"No calibration is due within {self.options.days:g} days: by then, fewer than 5 % "
+                f"of the arms have drifted beyond {limit} RMS at the tip"
             )
         above = text(self.options.tolerance, "%", decimals=0, with_unit=True)
         sentence = (

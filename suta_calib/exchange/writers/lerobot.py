@@ -33,7 +33,7 @@ class LerobotWriter(OffsetsWriter):
     file = "exported_lerobot.json"
     notes = (
         "Homing offsets are whole ticks: smaller corrections are lost.",
-        "Write them to the motors, for example with LeRobot's own check of a calibration.",
+        "Write them to the motors: LeRobot's calibration command offers to do that.",
         "Readings have the direction of Present_Position for any drive_mode, as LeRobot's "
         "degrees and a device.yaml from import do.",
     )
