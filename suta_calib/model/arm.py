@@ -27,9 +27,9 @@ from suta_calib.model.chain import Chain, ChainJoint, chain_of
 from suta_calib.model.gravity import Load, beyond
 from suta_calib.model.kinematic_urdf import moving_model
 from suta_calib.model.kinematics import (
-    Branch,
     ClosedLoop,
     Condition,
+    HangingArm,
     Segment,
     closed_loop,
     forward_kinematics,
@@ -106,7 +106,7 @@ class ArmModel(Mechanism):
         self.readings = chain.moving
         self.bodies = ALONE
         self.beside = ParameterSet()
-        self.hung: tuple[Branch, ...] = ()
+        self.hung: tuple[HangingArm, ...] = ()
         # A fixed joint that carries the tip is known by the tip's name, all others by their own.
         tip = {**tips, **tip_owner(chain)}
         columns = {joint.name: k for k, joint in enumerate(chain.moving)}
@@ -294,7 +294,7 @@ class ArmModel(Mechanism):
             others: laid out over the same columns of readings.
         """
         own = {joint.name for joint in self.chain.joints}
-        counted, branches = set(own), list[Branch]()
+        counted, branches = set(own), list[HangingArm]()
         for arm in others:
             if any(joint.climbed for joint in (*self.chain.joints, *arm.chain.joints)):
                 continue
@@ -306,7 +306,7 @@ class ArmModel(Mechanism):
         carrying.hung = tuple(branches)
         return carrying
 
-    def _branch(self, arm: ArmModel, own: set[str], counted: set[str]) -> Branch | None:
+    def _branch(self, arm: ArmModel, own: set[str], counted: set[str]) -> HangingArm | None:
         """Of another chain what is beyond its joints that count already; None if nothing is."""
         pairs = list(zip(arm.chain.joints, arm.segments, strict=True))
         beyond_own = [k for k, (joint, _) in enumerate(pairs) if joint.name not in own]
@@ -329,7 +329,7 @@ class ArmModel(Mechanism):
         loads = tuple(load for load in arm.loads if load.joint in new)
         if not any(load.mass for load in loads):
             return None
-        return Branch(carriers, tuple(segments), loads)
+        return HangingArm(carriers, tuple(segments), loads)
 
     def _renewed(self) -> ArmModel:
         """A copy, without what was derived."""

@@ -151,7 +151,7 @@ class ClosedLoop:
 
 
 @dataclass(frozen=True, eq=False)
-class Branch:
+class HangingArm:
     """What hangs on joints of a chain and moves with joints of another chain of the robot.
 
     Attributes:
@@ -434,7 +434,7 @@ def forward_kinematics(
     rows: int | None = None,
     width: int = 0,
     loops: Sequence[ClosedLoop] = (),
-    hung: Sequence[Branch] = (),
+    hung: Sequence[HangingArm] = (),
 ) -> Symbol:
     """The chain's kinematics as a CasADi function of the named parameters and one sample.
 
