@@ -477,20 +477,16 @@ class ArmSpec(Displayable):
             arm = arm if offset is None else offset.on(arm, tip)
         return arm
 
-    def model_of(self, urdf: UrdfFile) -> ArmModel:
-        """The same arm as another URDF has it, such as the calibrated one.
+    def mechanism_of(
+        self, urdf: UrdfFile, pairs: Iterable[tuple[str, str]] = ()
+    ) -> ArmModel | Robot:
+        """`mechanism` as another URDF has it, such as the calibrated one.
 
         Raises:
             UrdfError: the file cannot be used, or has no such tip or base.
             JobError: it has no joints that are coupled so.
         """
         # The tip's offset is in the URDF already; couplings are in none.
-        return self._of(urdf).model()
-
-    def mechanism_of(
-        self, urdf: UrdfFile, pairs: Iterable[tuple[str, str]] = ()
-    ) -> ArmModel | Robot:
-        """`mechanism` of another URDF, likewise."""
         return self._of(urdf).mechanism(pairs)
 
     def _of(self, urdf: UrdfFile) -> ArmSpec:
