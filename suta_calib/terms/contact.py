@@ -10,7 +10,7 @@ from typing import Any, ClassVar, Literal, get_args
 import casadi as ca
 import numpy as np
 
-from suta_calib.arrays import FloatArray, IntArray
+from suta_calib.arrays import FloatArray
 from suta_calib.errors import SamplesError
 from suta_calib.geometry.symbols import Symbol
 from suta_calib.measurements import SampleColumns
@@ -131,11 +131,6 @@ class Contact(PlaceTerm):
     @property
     def _spots(self) -> bool:
         return self.place in self.poses.samples.labels
-
-    @cached_property
-    def places(self) -> tuple[list[str], IntArray]:
-        """The spots; none where it is the other tip that is touched."""
-        return super().places if self._spots else ([], np.zeros(len(self.poses), dtype=np.intp))
 
     @cached_property
     def _as_plane(self) -> TouchedPlane:

@@ -33,10 +33,12 @@ class GivenPlaces(ABC):
 
     @cached_property
     def places(self) -> tuple[list[str], IntArray]:
-        """Labels of the places that are touched, and which of them each sample has, (n,)."""
-        if not self.place:
-            return [], np.zeros(len(self.poses), dtype=np.intp)
-        return grouped(self.poses.samples.labels[self.place])
+        """Labels of the places that are touched, and which of them each sample has, (n,).
+
+        None where the kind, or these samples, name no place.
+        """
+        labels = self.poses.samples.labels.get(self.place)
+        return ([], np.zeros(len(self.poses), np.intp)) if labels is None else grouped(labels)
 
     @property
     @abstractmethod
