@@ -17,7 +17,7 @@ from suta_calib.errors import UrdfError
 from suta_calib.geometry.numbers import rotation_from_rpy
 from suta_calib.model.chain import Chain, chain_of
 from suta_calib.model.parameters import ParameterSet
-from suta_calib.model.robot import AnyArm
+from suta_calib.model.robot import AnyArm, same_chain
 from suta_calib.model.urdf_tree import read_tree
 from suta_calib.terms import ArmPoses, Term
 from suta_calib.trust.accuracy import (
@@ -175,8 +175,7 @@ def _through(term: Term, other: AnyArm) -> Term:
     if not isinstance(term.poses, ArmPoses):
         return term
     own = term.poses.arm
-    by_ends = {(arm.chain.base, arm.chain.tip): arm for arm in other.arms}
-    arm = by_ends[own.chain.base, own.chain.tip]
+    arm = same_chain(own, other)
     if arm.joints != own.joints:
         raise UrdfError(
             f"the moving joints {', '.join(arm.joints)}",

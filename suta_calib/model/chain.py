@@ -166,6 +166,11 @@ class Chain(Displayable):
     loops: tuple[LoopJoints, ...] = ()
 
     @property
+    def ends(self) -> tuple[str, str]:
+        """Base and tip: what tells chains of one robot apart."""
+        return self.base, self.tip
+
+    @property
     def beside(self) -> tuple[ChainJoint, ...]:
         """The joints of the loops that are not on the way from base to tip."""
         on_the_way = {joint.name for joint in self.joints}

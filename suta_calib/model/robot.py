@@ -143,7 +143,7 @@ class Robot(Mechanism):
         """
         chain = self._read(tip, base)
         for known in self.chains.values():
-            if (known.chain.base, known.chain.tip) == (chain.base, chain.tip):
+            if known.chain.ends == chain.ends:
                 return known
         name = name or (tip if tip not in self.chains else f"{chain.base} to {tip}")
         if name in self.chains:
@@ -324,6 +324,17 @@ def chosen_chain(names: Iterable[str], chain: str) -> str:
 AnyArm = ArmModel | Robot
 
 
+def same_chain(arm: ArmModel, mechanism: AnyArm) -> ArmModel:
+    """The chain of another mechanism that has the ends of this one, with all its columns."""
+    return next(other for other in mechanism.arms if other.chain.ends == arm.chain.ends)
+
+
+def placed_joints(arm: AnyArm) -> tuple[tuple[ChainJoint, Segment], ...]:
+    """The joints of all chains with their segments, each joint once."""
+    pairs = (pair for one in arm.arms for pair in zip(one.chain.joints, one.segments, strict=True))
+    return tuple({joint.name: (joint, segment) for joint, segment in pairs}.values())
+
+
 def _bodies(chains: Mapping[str, ArmModel]) -> dict[str, Bodies]:
     """What labels call the ends of each chain: a tip is called as the first chain that ends there.
 
@@ -363,10 +374,8 @@ def joined(arms: tuple[ArmModel, ...]) -> ArmModel | Robot:
 def _check_one_robot(arms: Sequence[ArmModel]) -> None:
     first = arms[0]
     for arm in arms[1:]:
-        ends = (arm.chain.base, arm.chain.tip)
-        if arm.urdf != first.urdf or ends in [
-            (a.chain.base, a.chain.tip) for a in arms if a is not arm
-        ]:
+        others = [other.chain.ends for other in arms if other is not arm]
+        if arm.urdf != first.urdf or arm.chain.ends in others:
             hint = "read the robot once: Robot.from_urdf(path), and robot.chain(tip=…) for each tip"
             raise ParameterError(
                 "terms over different arms", "one arm, or chains of one robot", hint=hint

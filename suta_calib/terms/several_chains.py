@@ -10,7 +10,7 @@ import numpy as np
 
 from suta_calib.model.arm import ArmModel
 from suta_calib.model.parameters import End
-from suta_calib.model.robot import joined
+from suta_calib.model.robot import joined, same_chain
 from suta_calib.terms.poses import ArmPoses
 from suta_calib.terms.term import Term
 
@@ -24,9 +24,9 @@ def over_one_mechanism(terms: Sequence[Term]) -> tuple[Term, ...]:
     arms = tuple(term.poses.arm for term in terms if isinstance(term.poses, ArmPoses))
     if len(set(arms)) < 2:
         return tuple(terms)
-    laid = {(a.chain.base, a.chain.tip): a for a in joined(arms).arms}
+    robot = joined(arms)
     return tuple(
-        over_chain(term, laid[term.poses.arm.chain.base, term.poses.arm.chain.tip])
+        over_chain(term, same_chain(term.poses.arm, robot))
         if isinstance(term.poses, ArmPoses)
         else term
         for term in terms

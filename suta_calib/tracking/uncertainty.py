@@ -32,7 +32,7 @@ from suta_calib.model.arm import ArmModel
 from suta_calib.model.chain import ChainJoint
 from suta_calib.model.kinematics import Segment
 from suta_calib.model.parameters import OFFSET, PLACEMENT, POSITION
-from suta_calib.model.robot import AnyArm
+from suta_calib.model.robot import AnyArm, placed_joints
 from suta_calib.model.urdf import folded_origin
 from suta_calib.simulation.inverse_kinematics import InverseKinematics
 from suta_calib.trust.tip import sensitivity
@@ -134,15 +134,7 @@ class CalibrationUncertainty(Displayable):
         rows: list[str] = []
         blocks: list[FloatArray] = []
         estimated = [arm.offered[name] for name in self.names]
-        done = set[str]()
-        for joint, segment in (
-            pair
-            for chain in arm.arms
-            for pair in zip(chain.chain.joints, chain.segments, strict=True)
-        ):
-            if segment.owner in done:
-                continue
-            done.add(segment.owner)
+        for joint, segment in placed_joints(arm):
             if any(p.owner == segment.owner and p.geometric for p in estimated):
                 self._check_same(joint, segment)
                 rows += segment.names(*PLACEMENT)

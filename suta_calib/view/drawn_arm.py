@@ -13,7 +13,7 @@ from suta_calib.arrays import FloatArray, IntArray
 from suta_calib.display import Displayable
 from suta_calib.model.arm import configuration_of
 from suta_calib.model.kinematic_urdf import pinocchio_model
-from suta_calib.model.robot import AnyArm
+from suta_calib.model.robot import AnyArm, placed_joints
 from suta_calib.model.urdf_tree import read_tree
 
 
@@ -49,8 +49,8 @@ class DrawnArm(Displayable):
     @cached_property
     def _model(self) -> pin.Model:
         tree = read_tree(self.arm.urdf[0], self.arm.calibrated_urdf(self.values))
-        every = (joint for chain in self.arm.chained for joint in chain.joints)
-        return pinocchio_model(tree, {joint.name for joint in every if joint.moving})
+        every = placed_joints(self.arm)
+        return pinocchio_model(tree, {joint.name for joint, _ in every if joint.moving})
 
     @cached_property
     def links(self) -> tuple[str, ...]:
@@ -61,9 +61,8 @@ class DrawnArm(Displayable):
     def bones(self) -> IntArray:
         """(n, 2) the two links of every joint of the chains, base → tip, by number in `links`."""
         at = {link: k for k, link in enumerate(self.links)}
-        every = (joint for chain in self.arm.chained for joint in chain.joints)
-        bones = dict.fromkeys((at[joint.parent], at[joint.child]) for joint in every)
-        return np.array([*bones], dtype=np.intp)
+        bones = [(at[joint.parent], at[joint.child]) for joint, _ in placed_joints(self.arm)]
+        return np.array(bones, dtype=np.intp)
 
     @property
     def base(self) -> str:

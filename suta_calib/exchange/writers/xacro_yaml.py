@@ -14,6 +14,7 @@ from suta_calib.exchange.writer import Writer
 from suta_calib.geometry.numbers import rotation_from_rpy, vector_from_rotation
 from suta_calib.measurements.yaml_text import yaml_text
 from suta_calib.model.chain import ChainJoint
+from suta_calib.model.robot import placed_joints
 from suta_calib.model.urdf import number_text, rounded
 from suta_calib.units import deg, mm
 
@@ -39,8 +40,7 @@ class XacroYamlWriter(Writer):
         """``kinematics: {link: {x, y, z, roll, pitch, yaw}, …, hash}``, m and rad."""
         arm = result.need_arm(self.name)
         origins = arm.model.origins(arm.values)
-        every = (joint for chain in arm.model.chained for joint in chain.joints)
-        moving = [*{joint.name: joint for joint in every if joint.moving}.values()]
+        moving = [joint for joint, _ in placed_joints(arm.model) if joint.moving]
         joints = {
             key: dict(zip(_NUMBERS, map(rounded, np.concatenate(origins[joint.name])), strict=True))
             for key, joint in zip(_keys(moving), moving, strict=True)
@@ -89,13 +89,9 @@ def _keys(joints: list[ChainJoint]) -> list[str]:
 
 def _changed_fixed_joints(arm: CalibratedArm) -> Iterator[tuple[ChainJoint, list[str]]]:
     """Fixed joints of the chains that are not nominal any more, with names of their parameters."""
-    pairs = (
-        pair
-        for one in arm.model.arms
-        for pair in zip(one.chain.joints, one.segments, strict=True)
-        if not pair[0].moving
-    )
-    for joint, segment in {joint.name: (joint, segment) for joint, segment in pairs}.values():
+    for joint, segment in placed_joints(arm.model):
+        if joint.moving:
+            continue
         names = segment.names(*segment.keys)
         nominal = {name: arm.model.parameters[name].nominal for name in names}
         changed = [n for n, x in nominal.items() if rounded(arm.values.get(n, x) - x)]
