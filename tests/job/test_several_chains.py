@@ -136,12 +136,25 @@ def test_a_job_names_the_chain_of_every_row(job: Path, tmp_path: Path):
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
-        ("chain: left, samples: left_fitted", "samples: left_fitted", "chain that its samples"),
-        ("chain: left, samples: left_fitted", "chain: lefd, samples: left_fitted", "left, right"),
+        (
+            "chain: left, samples: left_fitted",
+            "samples: left_fitted",
+            "the chain that its samples are",
+        ),
+        (
+            "chain: left, samples: left_fitted",
+            "chain: lefd, samples: left_fitted",
+            "left, right; did you mean 'left'",
+        ),
         ("right: {tip: right_hand}", "right: {tip: left_hand}", "the tip of the chain left too"),
         ("right: {tip: right_hand}", "right: {tip: no_hand}", "no_hand"),
         ("urdf: robot.urdf, chains", "urdf: robot.urdf, tip: left_hand, chains", "beside chains"),
         ("samples: right_fitted.csv", "samples: left_fitted.csv", "right_1"),
+        (
+            "samples: left_fitted.csv",
+            "samples: [left_fitted.csv, right_fitted.csv]",
+            "in all of these files",
+        ),
         (
             "chain: right, samples: right_f",
             "chain: right, base_chain: right, samples: right_f",
