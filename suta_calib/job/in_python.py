@@ -18,7 +18,7 @@ from suta_calib.model.parameters import (
 )
 from suta_calib.model.robot import AnyArm, Robot
 from suta_calib.terms import ArmPoses, Term
-from suta_calib.terms.several_chains import over_chain
+from suta_calib.terms.several_chains import over_chains_of
 
 # What is unknown, as `CalibrationJob.of_terms` takes it.
 Free = str | Selection | ParameterSet | Sequence[str | Selection]
@@ -47,14 +47,7 @@ def terms_over(arm: ArmModel | Robot, name: str, terms: Term | Sequence[Term]) -
         if term.poses.arm not in chains:
             hint = "read the arm once, and give it to every term and to calibrate"
             raise InputError(f"{term!r} of another ArmModel", "this arm", where=where, hint=hint)
-    if isinstance(arm, ArmModel):
-        return found
-    laid = dict(zip(arm.chains.values(), arm.arms, strict=True))
-    return tuple(
-        over_chain(term, laid.get(term.poses.arm, term.poses.arm))
-        for term in found
-        if isinstance(term.poses, ArmPoses)
-    )
+    return found if isinstance(arm, ArmModel) else over_chains_of(arm, found)
 
 
 def unknowns_of(arm: AnyArm, free: Free) -> tuple[tuple[Selection, ...], ParameterSet]:

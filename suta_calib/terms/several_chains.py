@@ -10,7 +10,7 @@ import numpy as np
 
 from suta_calib.model.arm import ArmModel
 from suta_calib.model.parameters import End
-from suta_calib.model.robot import joined, same_chain
+from suta_calib.model.robot import AnyArm, joined, same_chain
 from suta_calib.terms.poses import ArmPoses
 from suta_calib.terms.term import Term
 
@@ -24,7 +24,11 @@ def over_one_mechanism(terms: Sequence[Term]) -> tuple[Term, ...]:
     arms = tuple(term.poses.arm for term in terms if isinstance(term.poses, ArmPoses))
     if len(set(arms)) < 2:
         return tuple(terms)
-    robot = joined(arms)
+    return over_chains_of(joined(arms), terms)
+
+
+def over_chains_of(robot: AnyArm, terms: Sequence[Term]) -> tuple[Term, ...]:
+    """The terms over the chains of a robot (`Robot.laid_out`), each by the ends of its own."""
     return tuple(
         over_chain(term, same_chain(term.poses.arm, robot))
         if isinstance(term.poses, ArmPoses)
