@@ -14,7 +14,7 @@ from typing import Final
 
 import numpy as np
 
-from suta_calib.model.parameters import Parameter
+from suta_calib.model.parameters import POSITION, Parameter, is_base
 from suta_calib.solver.evaluation import Linearised
 from suta_calib.solver.problem import Problem
 from suta_calib.solver.solution import Solution
@@ -68,6 +68,7 @@ def contradictions(
         # What does not fit at all has no scale.
         *([] if any(residual.bad for residual in residuals) else _scales(solution)),
         *_priors(solution),
+        *_tips(solution),
         *(Contradiction(False, sentence) for sentence in matches(solution, "cause", "note")),
         *_repeated(solution, list(dict.fromkeys(item.term for item in held_out))),
     ]
@@ -349,6 +350,51 @@ def _mounted(far: Sequence[Parameter], terms: Sequence[Term]) -> str:
         if any(p.owner == poses.arm.segments[-1].owner for p in far):
             return f" Perhaps {mount[0]}."
     return ""
+
+
+def _tips(solution: Solution) -> Iterator[Contradiction]:
+    """A tip that ended far off, though no other length did: another point was measured."""
+    parameters = solution.problem.parameters
+    estimates = solution.arm_estimates
+    # A prior speaks for itself (`_priors`), and a base in a cell may stand anywhere.
+    lengths = [
+        parameters[name]
+        for name, e in estimates.items()
+        if e.std and parameters[name].key in POSITION and parameters[name].prior is None
+    ]
+    mounts = {
+        term.poses.arm.segments[-1].owner: on_mount[0]
+        for term in solution.problem.terms
+        if isinstance(term.poses, ArmPoses) and (on_mount := term.on_unknown_mount) is not None
+    }
+    for tip, mount in mounts.items():
+        own = [p for p in lengths if p.owner == tip]
+        # Who lets a tip be farther off than the rest knows that it may be.
+        most = max((p.upper - p.lower for p in own), default=0.0)
+        others = [
+            p
+            for p in lengths
+            if p.owner not in mounts and not is_base(p.owner) and p.upper - p.lower >= most
+        ]
+        off, rest = (
+            np.array([estimates[p.name].value - p.nominal for p in group])
+            for group in (own, others)
+        )
+        # Fewer lengths do not say how far off this arm is: of 5 that are alike one in 10⁴ tips is
+        # ten times as far off.
+        if not own or len(rest) < 5:
+            continue
+        axis, arm = (float(np.sqrt(np.mean(values**2))) for values in (off, rest))
+        certain = max(abs(d) / estimates[p.name].std for p, d in zip(own, off, strict=True))
+        if axis > PULL * arm and certain > SIGNIFICANCE:
+            yield Contradiction(
+                False,
+                f"The tip {tip} ended {text(float(np.linalg.norm(off)), 'm', with_unit=True)} from "
+                f"its place in the URDF, though other lengths changed by only "
+                f"{text(arm, 'm', with_unit=True)} (RMS). The data cannot tell a wrong place in "
+                "the URDF from a target beside the tip: the calibrated tip is the point that was "
+                f"measured. Perhaps {mount}.",
+            )
 
 
 def _repeated(solution: Solution, validation: Sequence[Term]) -> Iterator[Contradiction]:

@@ -3,15 +3,29 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from suta_calib import Robot, TrackedPoint, calibrate, robots
+from suta_calib import (
+    Problem,
+    Robot,
+    Selection,
+    Solution,
+    SolverOptions,
+    Term,
+    TrackedPoint,
+    calibrate,
+    robots,
+    solve,
+)
 from suta_calib.registry import shipped
+from suta_calib.terms import ArmPoses
 from suta_calib.trust import Hypothesis, Pattern, Reinterpretation, Rule, examine, known_hypotheses
 from suta_calib.trust.changes import changes
+from suta_calib.trust.contradictions import contradictions
 from suta_calib.trust.rereading import explaining_reading
 from tests.support.clean_jobs import MIXED, judged_chains
 from tests.support.simulated import ROBOTS
@@ -27,8 +41,8 @@ from tests.support.two_armed import (
 )
 
 # What an instrument that sees both hands cannot have, what is refused in words before anything is
-# solved, what is the same as no fault (a target's place on a free tip), and what one arm's data
-# cannot have by themselves (the geometry that both share).
+# solved, what no residual shows (a target's place on a free tip, of which a test of its own is
+# below), and what one arm's data cannot have by themselves (the geometry that both share).
 OTHER_DATA = {
     "exchanged targets",
     "given pose",
@@ -118,11 +132,55 @@ def test_a_joint_of_another_chain_is_no_dead_joint() -> None:
         assert not [*hypothesis.matches(solution)]
 
 
+def on_tips(solution: Solution) -> list[str]:
+    """What is said against the place of a tip."""
+    return [c.sentence for c in contradictions(solution, ()) if c.sentence.startswith("The tip ")]
+
+
+@pytest.mark.parametrize(("arm", "side"), ARMS)
+def test_a_target_beside_a_free_tip_is_named(arm: int, side: str) -> None:
+    _, terms = spoilt(known_hypotheses()["unknown mount"], arm)
+    (sentence,) = on_tips(fitted(terms))
+    assert f"The tip {side}_hand ended 2" in sentence
+    assert "give its name in a column target" in sentence
+
+
+def of_left_arm(terms: list[Term]) -> Term:
+    """The term of the left arm, over this arm alone."""
+    arm, poses = ROBOT.chains["left"], terms[0].poses
+    q = poses.samples.q[:, [ROBOT.joints.index(joint) for joint in arm.joints]]
+    return replace(
+        terms[0],
+        poses=ArmPoses(arm, replace(poses.samples, joints=arm.joints, q=q)),
+    )
+
+
+@pytest.mark.parametrize(
+    ("of_tip", "said"),
+    [
+        ([], 1),
+        # Who says of the tip alone that it may be far off knows it.
+        ([Selection(("left_hand.*",), bound_m=0.05, bound_rad=0.09)], 0),
+        ([Selection(("left_hand.*",), prior_m=0.03, prior_rad=0.09)], 0),
+    ],
+    ids=["nothing", "bound", "prior"],
+)
+def test_a_target_beside_the_tip_of_a_lone_arm_is_named_where_the_tip_is_like_the_rest(
+    of_tip: list[Selection], said: int
+) -> None:
+    term = of_left_arm(spoilt(known_hypotheses()["unknown mount"], 0)[1])
+    arm = Selection(("geometric",), bound_m=0.03, bound_rad=0.09)
+    unknown = ROBOT.chains["left"].select(arm, *of_tip, Selection(("*.offset",), bound_rad=0.2))
+    options = SolverOptions(starts=1, confirm=False, max_iterations=30)
+    assert len(on_tips(solve(Problem([term], unknown), options))) == said
+
+
 @pytest.mark.parametrize("seed", [3, 4])
 def test_sound_data_of_two_arms_are_silent(seed: int) -> None:
     answer = examined(both_hands(seed)[0])
     assert not examine(answer)
     assert not changes(answer)
+    assert not on_tips(answer.solution)
 
 
 def ratios_of_tip_errors(seeds: range) -> np.ndarray:
