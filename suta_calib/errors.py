@@ -60,15 +60,25 @@ class InputError(SutaCalibError):
         super().__init__(self._sentence())
 
     @classmethod
-    def of(cls, problem: InputError, file: Path | None, line: int | None, where: str = "") -> Self:
-        """The same with a place in a file, for what was found without knowing of files."""
+    def of(
+        cls,
+        problem: InputError,
+        file: Path | None,
+        line: int | None,
+        where: str = "",
+        hint: str = "",
+    ) -> Self:
+        """The same with a place in a file, for what was found without knowing of files.
+
+        What it says already of where, and of what to do, is said where nothing is given.
+        """
         return cls(
             problem.found,
             problem.expected,
             file=file,
             line=line,
             where=where or problem.where,
-            hint=problem.hint,
+            hint=hint or problem.hint,
         )
 
     def _sentence(self) -> str:
@@ -86,6 +96,14 @@ class UrdfError(InputError):
 
 class SamplesError(InputError):
     """A samples file is missing, malformed or does not fit the arm or the artefact."""
+
+
+class MissingColumnError(SamplesError):
+    """A samples file has no such column."""
+
+
+class EmptyCellError(SamplesError):
+    """A cell of a samples file is empty where a number is needed."""
 
 
 class ArtefactError(InputError):

@@ -6,10 +6,17 @@ import math
 import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from itertools import permutations
 from pathlib import Path
-from typing import Any
 
-from suta_calib.errors import InputError, JobError, SamplesError, SutaCalibWarning
+from suta_calib.errors import (
+    EmptyCellError,
+    InputError,
+    JobError,
+    MissingColumnError,
+    SamplesError,
+    SutaCalibWarning,
+)
 from suta_calib.job.schema import JobSpec, ObservationSpec
 from suta_calib.measurements import (
     Artefact,
@@ -17,6 +24,7 @@ from suta_calib.measurements import (
     read_artefact,
     read_samples,
 )
+from suta_calib.measurements.sample_files import has_readings
 from suta_calib.model.arm import ArmModel
 from suta_calib.model.parameters import Parameter
 from suta_calib.model.robot import Robot
@@ -58,12 +66,11 @@ def read_term(
     arm = mechanism.laid_out[name] if isinstance(mechanism, Robot) else mechanism
     try:
         samples = read_arm_samples(arm, row.sample_files, row.kind)
-    except SamplesError as error:
-        if isinstance(mechanism, Robot) and error.found == "''" and not error.hint:
-            hint = "rows of two chains in one file: give each chain a file of its own"
-            place: dict[str, Any] = {"file": error.file, "line": error.line, "where": error.where}
-            raise SamplesError(error.found, error.expected, **place, hint=hint) from None
-        raise
+    except (EmptyCellError, MissingColumnError) as error:
+        hint = _of_other_chain(mechanism, name, error) if isinstance(mechanism, Robot) else ""
+        if not hint:
+            raise
+        raise SamplesError.of(error, error.file, error.line, hint=hint) from None
     setup = Setup(
         None if row.artefact is None else artefact(row.artefact),
         _noise(row.sigma_m, row.huber_m, row.sigma_fixed),
@@ -88,6 +95,21 @@ def read_term(
     for note in term.notes:
         warnings.warn(f"{job}:{row.line}: {note}", SutaCalibWarning, stacklevel=3)
     return term
+
+
+def _of_other_chain(robot: Robot, chain: str, error: SamplesError) -> str:
+    """What to do about a file that lacks readings of its chain and may be of another one."""
+    if isinstance(error, EmptyCellError):
+        return "rows of two chains in one file: give each chain a file of its own"
+    assert error.file is not None
+    ranges = {name: joint_ranges(arm) for name, arm in robot.laid_out.items()}
+    suits = [name for name, joints in ranges.items() if has_readings(error.file, joints)]
+    between = {seen_from(*pair) for pair in permutations(robot.chains, 2)}
+    others = " or ".join(name for name in suits if name not in between)
+    if not others or chain in suits:
+        return ""
+    remedy = "" if chain in between else f"write chain: {others}, or "
+    return f"the file has the joints of {others}: {remedy}name another file"
 
 
 def held_together(

@@ -279,7 +279,8 @@ _CHAIN: Final = """\
 _CHAINS: Final = """\
 # The robot: a URDF, and its chains with the link or frame whose pose matters. Joints that chains
 # share are one unknown. Every samples file needs one column per joint of its chain, in rad (m for
-# prismatic joints), as the encoders report it:"""
+# prismatic joints), as the encoders report it. It may have those of other chains too: the key chain
+# of its row says whose tip was measured. The joints of each chain:"""
 _JOB: Final = """\
 # One calibration job. Fill in the samples (and the artefact), then run
 #   suta-calib observe calibration.yaml     what these data can and cannot determine

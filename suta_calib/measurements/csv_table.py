@@ -21,7 +21,13 @@ from numpy.typing import NDArray
 
 from suta_calib.arrays import FloatArray
 from suta_calib.display import Displayable
-from suta_calib.errors import SamplesError, SutaCalibWarning, did_you_mean
+from suta_calib.errors import (
+    EmptyCellError,
+    MissingColumnError,
+    SamplesError,
+    SutaCalibWarning,
+    did_you_mean,
+)
 from suta_calib.geometry.numbers import rotation_from_quaternion
 from suta_calib.measurements.files import lines_of, read_text
 from suta_calib.measurements.plain_csv import PlainColumns
@@ -68,11 +74,11 @@ class CsvTable(Displayable):
         """Cells of one column as text.
 
         Raises:
-            SamplesError: no such column; names the columns there are.
+            MissingColumnError: no such column; names the columns there are.
         """
         if name in self.columns:
             return self.columns[name]
-        raise SamplesError(
+        raise MissingColumnError(
             f"only the columns {', '.join(self.columns)}",
             expected,
             file=self.path,
@@ -96,7 +102,8 @@ class CsvTable(Displayable):
         for row in np.flatnonzero(~np.isfinite(values)):
             comma = np.isfinite(number_in(cells[row].replace(",", ".", 1)))
             hint = f"a decimal comma? {_IMPORT}" if comma and "," in cells[row] else ""
-            raise self.refuse(int(row), name, repr(cells[row]), "a finite number", hint)
+            error = SamplesError if cells[row] else EmptyCellError
+            raise self.refuse(int(row), name, repr(cells[row]), "a finite number", hint, error)
         return values
 
     def labels(self, name: str, expected: str = "a column of this name") -> NDArray[np.str_]:
@@ -142,11 +149,17 @@ class CsvTable(Displayable):
         return time
 
     def refuse(
-        self, row: int, name: str, problem: str, expected: str, hint: str = ""
+        self,
+        row: int,
+        name: str,
+        problem: str,
+        expected: str,
+        hint: str = "",
+        error: type[SamplesError] = SamplesError,
     ) -> SamplesError:
         """Error about one cell, to be raised by the caller."""
         short = problem if len(problem) <= _LONGEST_QUOTE else f"{problem[:_LONGEST_QUOTE]}…"
-        return SamplesError(
+        return error(
             short,
             expected,
             file=self.path,

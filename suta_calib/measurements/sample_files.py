@@ -68,6 +68,11 @@ class JointRange(Displayable):
     optional: bool = False
     short: str = ""
 
+    @property
+    def called(self) -> tuple[str, ...]:
+        """What its column may be called, but for a unit."""
+        return (self.name, self.short) if self.short else (self.name,)
+
     def __str__(self) -> str:
         return f"[{self.lower:.4g}, {self.upper:.4g}] {self.unit}"
 
@@ -157,6 +162,16 @@ def read_samples(
     samples = Samples.concatenate(parts)
     _tell_of_slides(samples, joints)
     return samples
+
+
+def has_readings(path: Path, joints: Sequence[JointRange]) -> bool:
+    """Whether a samples file has a column for each of these joints that it must have."""
+    columns = read_csv_table(path).columns
+    return all(
+        any(n in columns for name in joint.called for n in NumberColumn(name, joint.unit).names)
+        for joint in joints
+        if not joint.optional
+    )
 
 
 def has_no_rows(path: Path) -> bool:

@@ -149,7 +149,11 @@ def test_a_job_names_the_chain_of_every_row(job: Path, tmp_path: Path):
         ("right: {tip: right_hand}", "right: {tip: left_hand}", "the tip of the chain left too"),
         ("right: {tip: right_hand}", "right: {tip: no_hand}", "no_hand"),
         ("urdf: robot.urdf, chains", "urdf: robot.urdf, tip: left_hand, chains", "beside chains"),
-        ("samples: right_fitted.csv", "samples: left_fitted.csv", "right_1"),
+        (
+            "samples: right_fitted.csv",
+            "samples: left_fitted.csv",
+            "right_1.*the file has the joints of left: write chain: left, or name another file",
+        ),
         (
             "samples: left_fitted.csv",
             "samples: [left_fitted.csv, right_fitted.csv]",
