@@ -32,6 +32,8 @@ OUTSIDE := tests/support/outside_package
 # What `make measured` compares with; further jobs for it.
 VENV_FIGAROH := .venv-figaroh
 INSTALLED_FIGAROH := $(VENV_FIGAROH)/.installed
+PYBOTICS := .pybotics
+INSTALLED_PYBOTICS := $(PYBOTICS)/.installed
 FOLDERS ?=
 
 # Every test process, and every command that a test starts, would compile the package again.
@@ -119,9 +121,9 @@ bench-device: export OPENBLAS_NUM_THREADS = 1
 bench-device: $(INSTALLED_DEV)
 	$(BIN)/python benchmarks/bench_device.py --megabytes 100 --seconds 60
 
-# With figaroh in an environment of its own, where it can be installed.
-measured: $(INSTALLED) $(INSTALLED_FIGAROH)
-	$(BIN)/python benchmarks/measured.py $(FOLDERS) --figaroh $(VENV_FIGAROH)/bin/python
+# With figaroh in an environment of its own and pybotics in a folder, where they can be installed.
+measured: $(INSTALLED) $(INSTALLED_FIGAROH) $(INSTALLED_PYBOTICS)
+	$(BIN)/python benchmarks/measured.py $(FOLDERS) --figaroh $(VENV_FIGAROH)/bin/python --pybotics $(PYBOTICS)
 
 clean:
 	rm -rf build dist docs/_build docs/generated ./*.egg-info $(OUTSIDE)/build $(OUTSIDE)/*.egg-info .mypy_cache .pytest_cache .ruff_cache .hypothesis .coverage .coverage.*
@@ -129,7 +131,7 @@ clean:
 	find . -path "./.venv*" -prune -o -name __pycache__ -type d -exec rm -rf {} +
 
 distclean: clean
-	rm -rf $(VENV) $(VENV_LOWEST) $(VENV_FIGAROH)
+	rm -rf $(VENV) $(VENV_LOWEST) $(VENV_FIGAROH) $(PYBOTICS)
 
 # ── The environment: installed again only when what it depends on has changed ──────────────────
 $(INSTALLED): pyproject.toml constraints.txt | $(BIN)/python
@@ -162,6 +164,11 @@ $(INSTALLED_LOWEST): pyproject.toml constraints-lowest.txt $(OUTSIDE)/pyproject.
 $(INSTALLED_FIGAROH): | $(VENV_FIGAROH)/bin/python
 	@if $(VENV_FIGAROH)/bin/python $(PIP_INSTALL) figaroh==1.0.2; then touch $@; else \
 		echo "make measured: figaroh cannot be installed; the page says so" >&2; fi
+
+# It asks for NumPy below 2 and runs with 2 as well: ours is used, and SciPy too.
+$(INSTALLED_PYBOTICS): | $(BIN)/python
+	@if $(BIN)/python $(PIP_INSTALL) --no-deps --target $(PYBOTICS) pybotics==3.1.2 attrs==26.1.0; then touch $@; else \
+		echo "make measured: pybotics cannot be installed; the page says so" >&2; fi
 
 # Debian's python3 comes without ensurepip, and says so only after leaving half a .venv behind.
 $(BIN)/python $(VENV_LOWEST)/bin/python $(VENV_FIGAROH)/bin/python:

@@ -1,7 +1,7 @@
-"""Measured arms: before, published, figaroh, plain SciPy and ours, on what was never fitted.
+"""Measured arms: before, published, figaroh, pybotics, plain SciPy and ours, on what was held out.
 
     make measured
-    python benchmarks/measured.py [FOLDER …] [--figaroh PYTHON] [--out docs/measured.md]
+    python benchmarks/measured.py [FOLDER …] [--figaroh PYTHON] [--pybotics DIR] [--out PAGE]
 
 FOLDER: further jobs, a folder with a calibration.yaml or one of such folders; a job needs
 `validation`. Everybody gets the same samples in one run, one thread and a process of his own; what
@@ -19,6 +19,7 @@ import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from time import perf_counter
 
@@ -32,7 +33,9 @@ from measured_peers import (  # noqa: E402
     PlainScipy,
     figaroh,
     figaroh_version,
+    pybotics,
 )
+from pybotics_peer import Residuals, version_in  # noqa: E402
 from rich.console import Console  # noqa: E402
 from tables import number_table  # noqa: E402
 
@@ -46,7 +49,13 @@ KEPT = ROOT / "examples"
 BESIDE = ROOT.parent / "shared" / "data" / "real"
 OURS = "**ours**"
 # How the summary calls whom.
-PEERS = {"before": "before", "figaroh": "figaroh", "plain SciPy": "plain SciPy", OURS: "ours"}
+PEERS = {
+    "before": "before",
+    "figaroh": "figaroh",
+    "pybotics": "pybotics",
+    "plain SciPy": "plain SciPy",
+    OURS: "ours",
+}
 # Of the bootstrap: 2,000 give the ends of a 95 % interval to some percent of its width.
 DRAWS = 2000
 # Half of the last digit that the tables show.
@@ -54,6 +63,7 @@ LEVEL_MM = 0.0005
 # Five units that all favour one side are no evidence at 95 %: 2 / 2^5 of the time chance does that.
 FEWEST_DRAWN = 6
 HEADS = ("mean, mm", "RMS, mm", "max, mm", "s", "MB")
+AGAINST = ("RMS of ours minus it, mm", "95 % interval", "so it is")
 
 
 @dataclass(frozen=True)
@@ -133,56 +143,36 @@ class Row:
 HEADER = """\
 # Measured arms
 
-Written by `make measured` (`benchmarks/measured.py`; Python {python}, {machine}). An error is
-the distance between the predicted and the measured (or known) position of the tip, on samples that
-were not fitted. The pose of the instrument is the fitted one; the pose of the sockets is estimated
-again. For ours, the time is from reading the job's files to the result; for the others it is the
-time of the fit alone; one thread each. Memory is the peak of the process, with its libraries.
+How far is the calibrated arm from where it was measured? Each arm below was measured by others and
+calibrated on a part of the samples. Every number is an error on the other part, which was **held
+out**: no tool has seen it. The error of a sample is the distance between the predicted position of
+the tip and the measured (or known) one. The pose of the instrument is the fitted one; the pose of
+the sockets is estimated again. `make measured` wrote this page and ran every fit on it
+(`benchmarks/measured.py`; Python {python}, {machine}).
 
-*Before* is the nominal geometry with the pose of the instrument or of the sockets fitted. *Plain
-SciPy* is one `least_squares` over the job's unknowns, with its loss and its priors, weighted with a
-noise of 0.5 mm; kinematics in NumPy, the Jacobian by differences. *figaroh* is the release on PyPI
-with its defaults: base, tip and its own choice of parameters. To add your own jobs, run
-`python benchmarks/measured.py FOLDER`.
+* *Before* is the nominal geometry. Only the pose of the instrument or of the sockets is fitted.
+* *figaroh* is the release on PyPI with its defaults: base, tip and its own choice of parameters.
+  The better of its two levels stands in the first table.
+* *pybotics* is the release on PyPI: SciPy's `least_squares` over each number of its modified
+  Denavit-Hartenberg table, the tip and the pose of the instrument. Its own residual is the
+  *distance* of the tip; the second row fits the *coordinates* of the tip with the same kinematics.
+  The better of the two stands in the first table.
+* *Plain SciPy* is one `least_squares` over the job's unknowns, with its loss and its priors,
+  weighted with a noise of 0.5 mm; kinematics in NumPy, the Jacobian by differences.
+* *Ours* is `suta-calib calibrate`. It learns the noise and the size of the priors from the fitted
+  samples. *As stated* is ours without that: noise and priors are what the job says.
+
+For ours, the time is from reading the job's files to the result; for the others it is the time of
+the fit alone. Everybody has one thread. Memory is the peak of the process, with its libraries. To
+add your own jobs, run `python benchmarks/measured.py FOLDER`.
 """
 
 CHANCE = """\
-Is a difference chance? The held-out samples are drawn again with replacement, the same ones for
-both (2,000 draws of single samples; of whole placements where there are several). The interval
-holds the middle 95 % of the differences. Where it contains zero, these samples cannot tell who is
-better.
-"""
-
-WEIGHTS = """\
-## What learned weights cost
-
-The fit learns the noise and the size of the priors from the fitted samples, and with them the
-threshold of the loss. A study of 55 splits of four measured arms (these three, and a humanoid's
-two arms) and of 240 simulated sets on six arms says what this costs; the command does not repeat
-it. The figures are the mean of 100 log(RMS / RMS with learned weights) with its standard error:
-plus is worse. One place is fitted on the Panda; with two, no figure there exceeds 1.1. Left-one-out
-takes each fitted sample out in turn, and chooses the weights that predict it best.
-
-| instead of learned weights | Panda | TIAGo | humanoid | UR5, 20 to 300 poses | simulated |
-|---|--:|--:|--:|--:|--:|
-| everything as the job states it | -0.7 ± 2.7 | -3.2 ± 2.1 | +39.9 ± 12.9 | +64.3 ± 9.2 | +41.2 |
-| noise learned, priors as stated | +5.2 ± 2.3 | +0.8 ± 2.9 | +8.6 ± 1.6 | 0.0 ± 0.2 | +11.4 |
-| learned priors halved | -4.3 ± 2.1 | -1.7 ± 1.9 | +6.6 ± 1.2 | +0.3 ± 0.3 | +3.0 |
-| learned priors doubled | +4.8 ± 2.1 | +2.5 ± 2.0 | -4.7 ± 2.0 | +0.6 ± 0.3 | +2.6 |
-| threshold doubled | +1.1 ± 0.4 | -0.7 ± 1.0 | +1.0 ± 0.8 | 0.0 ± 0.2 | +3.0 |
-| groups of priors less alike (0.5) | -0.7 ± 0.3 | +0.7 ± 0.5 | -1.7 ± 1.2 | -0.4 ± 0.2 | -1.3 |
-| a factor for each prior (0.5) | +1.5 ± 0.7 | +0.1 ± 0.7 | -1.5 ± 0.9 | 0.0 ± 0.2 | -0.4 |
-| left-one-out: learned, as stated | 0.0 | -1.0 ± 0.8 | 0.0 | 0.0 | -1.0 |
-| left-one-out: half, double too | +2.3 ± 2.6 | -1.1 ± 1.7 | -4.2 ± 2.7 | +0.1 ± 0.1 | -0.2 |
-
-Two changes would gain more than two standard errors, both on the Panda. Halved priors: 4 %, and
-the humanoid loses 7 %. Groups less alike: 0.7 %, and the TIAGo loses as much. All else on the Panda
-and the TIAGo is within chance or worse. What learned weights gain on the other arms is far more.
-Cross-validation inside the fitted samples (one left out, 5 and 10 folds, 5 and 8 regions of the
-postures) does not know better. Among four factors, leaving one out takes half the priors on the
-TIAGo above (3.419 mm instead of 3.283) and double on the Panda (0.405 mm instead of 0.383). Where
-two standard errors are asked before it may change the weights, it almost never changes them. No
-rule was level or better on every arm, so none was taken.
+**Is a difference chance?** The same held-out samples are drawn again for both tools, with
+replacement, 2,000 times: single samples, or whole placements of the sockets. The 95 % interval
+holds the middle 95 % of these differences. *Level*: all of it is below 0.0005 mm. *Within chance*:
+it contains zero, so these samples cannot say who is better. *Ours better* and *ours worse*: it does
+not contain zero. *Too few to say*: fewer than six placements were drawn from.
 """
 
 
@@ -203,9 +193,25 @@ def ours(path: Path) -> tuple[Answer, Answer, str]:
     )
 
 
+def as_stated(path: Path) -> Answer:
+    """Ours with the noise and the priors of the job, nothing learned."""
+    began = perf_counter()
+    job = CalibrationJob.load(path)
+    result = replace(job, chosen=replace(job.options(), weights=None)).run()
+    seconds = perf_counter() - began
+    errors = [term.blocks[0].after for term in result.accuracy.validation]
+    return Answer(np.concatenate(errors), seconds, _memory_mb())
+
+
 def plain(path: Path) -> Answer:
     """The peer in SciPy."""
     answer = PlainScipy(CalibrationJob.load(path)).solve()
+    return replace(answer, memory_mb=_memory_mb())
+
+
+def of_pybotics(path: Path, folder: Path, residuals: Residuals) -> Answer:
+    """The peer in pybotics."""
+    answer = pybotics(CalibrationJob.load(path), folder, residuals)
     return replace(answer, memory_mb=_memory_mb())
 
 
@@ -227,8 +233,8 @@ def alone(call: Callable[[Path], object], path: Path) -> object:
 
 
 # ── a job ────────────────────────────────────────────────────────────────────────────────────
-def rows_of(path: Path, python: str, version: str | None) -> tuple[list[Row], str]:
-    """Everybody's rows for a job, and our own sentence."""
+def rows_of(path: Path, python: str, folder: Path | None) -> tuple[list[Row], str]:
+    """Everybody's rows for a job, and our own sentence: figaroh's interpreter, pybotics' folder."""
     rows, sentence = [], ""
     try:
         before, after, sentence = alone(ours, path)
@@ -237,27 +243,43 @@ def rows_of(path: Path, python: str, version: str | None) -> tuple[list[Row], st
     except SutaCalibError as error:
         last = [Row(OURS, None, str(error))]
 
-    def peer(name: str, solve: Callable[[], Answer]) -> Row:
-        try:
-            return Row(name, solve())
-        except CannotRunError as error:
-            return Row(name, None, str(error))
-        except Exception as error:  # noqa: BLE001 (a peer that fails is a result)
-            return Row(name, None, f"{type(error).__name__}: {error}".splitlines()[0])
-
-    if version is None:
+    if (version := figaroh_version(python)) is None:
         rows.append(Row("figaroh", None, "not installed: --figaroh PYTHON names who has it"))
     else:
-        job = CalibrationJob.load(path)
-        rows += [
-            peer(f"figaroh {version}, {level}", lambda level=level: figaroh(job, python, level))
-            for level in ("joint_offset", "full_params")
-        ]
-    rows.append(peer("plain SciPy", lambda: alone(plain, path)))
+        job, levels = CalibrationJob.load(path), ("joint_offset", "full_params")
+        ways = {level: partial(figaroh, job, python, level) for level in levels}
+        rows += rows_of_peer(f"figaroh {version}", ways)
+    if folder is None or (version := version_in(folder)) is None:
+        rows.append(Row("pybotics", None, "not installed: --pybotics FOLDER names where it is"))
+    else:
+        ways = {
+            residuals: partial(
+                alone, partial(of_pybotics, folder=folder, residuals=residuals), path
+            )
+            for residuals in ("distances", "coordinates")
+        }
+        rows += rows_of_peer(f"pybotics {version}", ways)
+    rows += rows_of_peer("plain SciPy", {"": partial(alone, plain, path)})
+    last += rows_of_peer(OURS, {"as stated": partial(alone, as_stated, path)})
     for other in sorted(path.parent.glob("calibration_*.yaml")):
         _, after, _ = alone(ours, other)
         last.append(Row(f"{OURS}, `{other.name}`", after))
     return [*rows, *last], sentence
+
+
+def rows_of_peer(name: str, ways: Mapping[str, Callable[[], Answer]]) -> list[Row]:
+    """A row for each way to use a peer; one alone where all of them fail for the same reason."""
+    rows = list[Row]()
+    for way, solve in ways.items():
+        shown = f"{name}, {way}" if way else name
+        try:
+            rows.append(Row(shown, solve()))
+        except CannotRunError as error:
+            rows.append(Row(shown, None, str(error)))
+        except Exception as error:  # noqa: BLE001 (a peer that fails is a result)
+            rows.append(Row(shown, None, f"{type(error).__name__}: {error}".splitlines()[0]))
+    alike = {row.why for row in rows} if all(row.answer is None for row in rows) else set[str]()
+    return [Row(name, None, *alike)] if len(alike) == 1 else rows
 
 
 def compared(rows: Sequence[Row]) -> dict[str, Row]:
@@ -274,16 +296,26 @@ def compared(rows: Sequence[Row]) -> dict[str, Row]:
     return found
 
 
-def summary(sections: Mapping[str, Sequence[Row]]) -> str:
-    """RMS of everybody on every set: the best is bold."""
+def summary(sections: Mapping[str, Sequence[Row]], units: Mapping[str, IntArray]) -> str:
+    """RMS of everybody on every set, and what it says of ours: the best is bold."""
     shown = list(PEERS.values())
-    lines = [f"| held-out RMS, mm | {' | '.join(shown)} |", "|---" + "|--:" * len(shown) + "|"]
+    lines = [
+        f"| held-out RMS, mm (time of the fit) | {' | '.join(shown)} |",
+        "|---" + "|--:" * len(shown) + "|",
+    ]
     for title, rows in sections.items():
         found = compared(rows)
-        rms = [found[who].rms if who in found else np.inf for who in shown]
-        cells = [f"{v:.3f}" if np.isfinite(v) else "–" for v in rms]
-        best = f"{min(rms):.3f}"
-        cells = [f"**{cell}**" if cell == best else cell for cell in cells]
+        best = f"{min(row.rms for row in found.values()):.3f}"
+        cells = list[str]()
+        for who in shown:
+            row = found.get(who)
+            if row is None or row.answer is None:
+                cells.append("–")
+                continue
+            rms = f"{row.rms:.3f}"
+            took = f" ({row.answer.seconds:.1f} s)" if row.answer.seconds else ""
+            says = "" if who in ("before", "ours") else against(row, found["ours"], units[title])[2]
+            cells.append((f"**{rms}**" if rms == best else rms) + took + (says and f": {says}"))
         lines.append(f"| {title} | {' | '.join(cells)} |")
     return "\n".join([*lines, ""])
 
@@ -311,30 +343,16 @@ def interval(ours: FloatArray, other: FloatArray, units: IntArray) -> tuple[floa
     return float(low), float(high)
 
 
-def chances(sections: Mapping[str, Sequence[Row]], units: Mapping[str, IntArray]) -> str:
-    """Whether ours differs from each peer by more than chance."""
-    lines = [
-        "| ours minus the peer, RMS, mm | difference | 95 % interval | drawn | what it says |",
-        "|---|--:|--:|--:|---|",
-    ]
-    for title, rows in sections.items():
-        found = compared(rows)
-        mine = found.pop("ours")
-        found.pop("before", None)
-        for who, row in found.items():
-            if mine.answer is None or row.answer is None:
-                continue
-            of = units[title]
-            low, high = interval(mine.answer.errors, row.answer.errors, of)
-            says = "ours better" if high < 0 else "ours worse" if low > 0 else "within chance"
-            # Both stop at the same minimum: an interval far below the last digit shown.
-            says = "level" if max(abs(low), abs(high)) < LEVEL_MM else says
-            says = says if of.max() + 1 >= FEWEST_DRAWN else "too few to say"
-            lines.append(
-                f"| {title}: {who} | {mine.rms - row.rms:+.3f} | {low:+.3f} to {high:+.3f} "
-                f"| {of.max() + 1} | {says} |"
-            )
-    return "\n".join([*lines, ""])
+def against(row: Row, mine: Row, units: IntArray) -> tuple[str, str, str]:
+    """Ours minus a row: the difference of the RMS, its interval, and what they say."""
+    if row is mine or row.answer is None or mine.answer is None:
+        return "–", "–", "–"
+    low, high = interval(mine.answer.errors, row.answer.errors, units)
+    says = "ours better" if high < 0 else "ours worse" if low > 0 else "within chance"
+    # Both stop at the same minimum: an interval far below the last digit shown.
+    says = "level" if max(abs(low), abs(high)) < LEVEL_MM else says
+    says = says if units.max() + 1 >= FEWEST_DRAWN else "too few to say"
+    return f"{mine.rms - row.rms:+.3f}", f"{low:+.3f} to {high:+.3f}", says
 
 
 def picture(rows: Sequence[Row], title: str, file: Path) -> None:
@@ -365,20 +383,24 @@ def known(path: Path) -> Source:
     return SOURCES.get(SAME.get(name, name), Source(name, "Given to this run."))
 
 
-def section(path: Path, rows: Sequence[Row], sentence: str, out: Path) -> str:
+def section(path: Path, rows: Sequence[Row], units: IntArray, sentence: str, out: Path) -> str:
     """A job's part of the page."""
     name, source = path.parent.name, known(path)
     image = out.with_name(out.stem) / f"{name}.svg"
     image.parent.mkdir(exist_ok=True)
     picture(rows, source.title, image)
+    mine = compared(rows)["ours"]
     lines = [
         f"## {source.title}",
         "",
         source.about,
         "",
-        f"| held out | {' | '.join(HEADS)} |",
-        "|---" + "|--:" * len(HEADS) + "|",
-        *(f"| {row.name} | {' | '.join(row.cells)} |" for row in rows),
+        f"| held out | {' | '.join((*HEADS, *AGAINST))} |",
+        "|---" + "|--:" * (len(HEADS) + len(AGAINST)) + "|",
+        *(
+            f"| {row.name} | {' | '.join((*row.cells, *against(row, mine, units)))} |"
+            for row in rows
+        ),
         "",
         *(f"* published: {line}" for line in source.published),
         *(
@@ -424,9 +446,9 @@ def main() -> None:
     )
     parser.add_argument("folders", nargs="*", type=Path, metavar="FOLDER")
     parser.add_argument("--figaroh", default=sys.executable, metavar="PYTHON")
+    parser.add_argument("--pybotics", type=Path, metavar="FOLDER")
     parser.add_argument("--out", type=Path, default=ROOT / "docs" / "measured.md")
     given = parser.parse_args()
-    version = figaroh_version(given.figaroh)
     given.out.parent.mkdir(parents=True, exist_ok=True)
     parts, sections, units = list[str](), dict[str, list[Row]](), dict[str, IntArray]()
     for path in list(jobs(given.folders)):  # a folder without jobs is refused before anything runs
@@ -434,12 +456,12 @@ def main() -> None:
         if not validation:
             parts.append(f"## {path.parent.name}\n\nLeft out: the job has no validation.\n")
             continue
-        rows, sentence = rows_of(path, given.figaroh, version)
+        rows, sentence = rows_of(path, given.figaroh, given.pybotics)
         title = known(path).title
         sections[title], units[title] = rows, units_of(validation)
-        parts.append(section(path, rows, sentence, given.out))
+        parts.append(section(path, rows, units[title], sentence, given.out))
     header = HEADER.format(python=platform.python_version(), machine=platform.machine())
-    parts = [header, summary(sections), CHANCE, chances(sections, units), WEIGHTS, *parts]
+    parts = [header, summary(sections, units), CHANCE, *parts]
     given.out.write_text("\n".join(parts), encoding="utf-8")
     print(f"Written to {given.out}")
 

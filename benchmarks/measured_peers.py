@@ -1,4 +1,4 @@
-"""What others make of a measured job: plain SciPy here, figaroh in an interpreter of its own.
+"""What others make of a measured job: plain SciPy and pybotics here, figaroh in its interpreter.
 
 Each gives the positions that it predicts for samples it has not seen, m.
 """
@@ -16,13 +16,15 @@ from time import perf_counter
 from typing import Any
 
 import numpy as np
+import pybotics_peer
 from peers import tip_positions
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
-from suta_calib import CalibrationJob, Samples, Term, TouchedLandmark
+from suta_calib import ArmModel, CalibrationJob, Samples, Term, TouchedLandmark
 from suta_calib.arrays import FloatArray
-from suta_calib.geometry import register_points, vector_from_rotation
+from suta_calib.geometry import homogeneous, register_points, vector_from_rotation
+from suta_calib.model import dh_table
 from suta_calib.units import from_mm
 
 # Scatter of a measured coordinate that priors are weighed with: nobody knows it before the fit.
@@ -30,6 +32,7 @@ ASSUMED_NOISE = from_mm(0.5)
 SCRIPT = Path(__file__).with_name("figaroh_peer.py")
 TIMEOUT_S = 600.0
 MOST_EVALUATIONS = 200
+STOPPED = f"stopped after {MOST_EVALUATIONS} evaluations, before it converged"
 
 
 class CannotRunError(Exception):
@@ -73,12 +76,12 @@ class PlainScipy:
     """
 
     def __init__(self, job: CalibrationJob) -> None:
-        (term,) = job.observations
+        term = only_term(job)
         self.job, self.samples = job, term.poses.samples
         self.target, self.groups = seen_and_groups(term)
         self.unknowns = [p for p in job.parameters.values() if p.free]
         if any(not p.geometric for p in self.unknowns):
-            raise CannotRunError("no eccentricity or compliance")
+            raise CannotRunError("it knows geometry only; the job has eccentricity or compliance")
         self.huber = job.spec.observations[0].huber_m or np.inf
 
     def errors(self, values: Mapping[str, float], frames: Mapping[str, FloatArray]) -> FloatArray:
@@ -118,7 +121,7 @@ class PlainScipy:
         seconds = perf_counter() - began
         values, frames = unpack(found.x)
         errors = [self.held_out(term, values, frames) for term in self.job.validation]
-        note = "" if found.status > 0 else f"stopped after {MOST_EVALUATIONS} evaluations"
+        note = "" if found.status > 0 else STOPPED
         return Answer(np.concatenate(errors), seconds, note=note)
 
     def held_out(
@@ -135,6 +138,26 @@ class PlainScipy:
         return found
 
 
+def only_term(job: CalibrationJob) -> Term:
+    """What a job of one arm fits, where that is all of one kind."""
+    if not isinstance(job.arm, ArmModel):
+        raise CannotRunError("it fits one arm; the job has several chains")
+    if len(job.observations) != 1:
+        raise CannotRunError("it fits one list of samples; the job has several")
+    return job.observations[0]
+
+
+def tracked_term(job: CalibrationJob) -> Term:
+    """What a job fits, where that is positions which one instrument tracked."""
+    term = only_term(job)
+    if term.kind != "tracked_point" or term.poses.samples.rotation is not None:
+        kind = f"{term.kind} with orientation" if term.kind == "tracked_point" else term.kind
+        raise CannotRunError(f"it fits tracked positions only; the job is of the kind {kind}")
+    if any(other.label != term.label for other in job.validation):
+        raise CannotRunError("it fits one instrument; the job has several")
+    return term
+
+
 def seen_and_groups(term: Term) -> tuple[FloatArray, Any]:
     """Where the tip has to be (n, 3), m, and in which frame: an instrument's, a placement's."""
     samples: Samples = term.poses.samples
@@ -144,7 +167,37 @@ def seen_and_groups(term: Term) -> tuple[FloatArray, Any]:
     if isinstance(term, TouchedLandmark) and len(term.blocks) == 1:
         touched = term.artefact.position_of(samples.labels["landmark"])
         return touched, np.array(samples.labels["placement"])
-    raise CannotRunError(f"kind {term.kind}")
+    raise CannotRunError(f"it knows tracked positions and landmarks; the job has {term.kind}")
+
+
+def pybotics(job: CalibrationJob, folder: Path, residuals: pybotics_peer.Residuals) -> Answer:
+    """The job by pybotics and SciPy's least squares: tracked points, one instrument, a serial arm.
+
+    Raises:
+        CannotRunError: another kind, or an arm that has no table of this sort; why.
+    """
+    term = tracked_term(job)
+    if job.arm.chain.loops or any(
+        j.moving and (j.climbed or j.mimic) for j in job.arm.chain.joints
+    ):
+        raise CannotRunError("it fits serial arms; a joint of this one follows others")
+    if any(not p.geometric for p in job.parameters.values()):
+        raise CannotRunError("it knows geometry only; the job has eccentricity or compliance")
+    fit = term.poses.samples
+    turn = registered(job.arm.forward(fit.q)[1], fit.position)
+    instrument = homogeneous(Rotation.from_rotvec(turn[3:]).as_matrix(), turn[:3])
+    held_out = [other.poses.samples for other in job.validation]
+    found, seconds, converged = pybotics_peer.predicted(
+        folder,
+        dh_table(job.arm, convention="modified"),
+        instrument,
+        fit,
+        np.concatenate([s.q for s in held_out]),
+        residuals,
+        MOST_EVALUATIONS,
+    )
+    errors = np.linalg.norm(found - np.concatenate([s.position for s in held_out]), axis=1)
+    return Answer(errors, seconds, note="" if converged else STOPPED)
 
 
 def figaroh(job: CalibrationJob, python: str, level: str = "full_params") -> Answer:
@@ -153,12 +206,7 @@ def figaroh(job: CalibrationJob, python: str, level: str = "full_params") -> Ans
     Raises:
         CannotRunError: another kind, or it failed; why.
     """
-    (term,) = job.observations
-    fit = term.poses.samples
-    if term.kind != "tracked_point" or fit.rotation is not None:
-        raise CannotRunError(f"kind {term.kind}")
-    if any(other.label != term.label for other in job.validation):
-        raise CannotRunError("several instruments")
+    fit = tracked_term(job).poses.samples
     _, position = job.arm.forward(fit.q)
     turn = registered(position, fit.position)
     euler = Rotation.from_rotvec(turn[3:]).as_euler("xyz")
