@@ -36,7 +36,7 @@ from suta_calib.measurements.csv_table import (
     rotations,
 )
 from suta_calib.measurements.files import write_text
-from suta_calib.measurements.samples import TEMPERATURES, Samples
+from suta_calib.measurements.samples import STROKE, TEMPERATURES, Samples
 from suta_calib.units import FARTHEST
 
 TEMPERATURE = "temperature"
@@ -117,7 +117,9 @@ def read_samples(
         columns: what else is needed; every other column is ignored, but ``JOINT.direction``, where
             all files have it: from which side that joint came; ``temperature``, °C; ``payload_kg``
             and ``payload_x, payload_y, payload_z``, m (or in mm with ``_mm``): what the tip
-            carries, and where in its frame. All files have such a column or none. A joint's
+            carries, and where in its frame. All files have such a column or none. Rows of one file
+            with the same value of ``stroke`` err together (`Term.clusters`); without one, a row is
+            by itself. A joint's
             readings may be in degrees or mm where its column says so: ``JOINT_deg``, ``JOINT_mm``.
 
     Warns:
@@ -151,6 +153,8 @@ def read_samples(
     weighed = columns.position_sigma and _everywhere(tables, *position_sigma_columns())
     columns = replace(columns, position_sigma=weighed)
     parts = [_samples(table, joints, columns, with_direction, warm, loaded) for table in tables]
+    if STROKE not in names and any(STROKE in table.columns for table in tables):
+        parts = [_with_strokes(p, t) for p, t in zip(parts, tables, strict=True)]
     for path, part in zip(paths, parts, strict=True):
         if (part.rotation is None) != (parts[0].rotation is None):
             with_, without = (path, paths[0]) if parts[0].rotation is None else (paths[0], path)
@@ -232,6 +236,16 @@ def _samples(
         position_sigma=position_sigmas(table) if columns.position_sigma else None,
         payload=_payloads(table, loaded) if loaded else None,
     )
+
+
+def _with_strokes(samples: Samples, table: CsvTable) -> Samples:
+    """The samples with their strokes, each told from those of other files."""
+    cells = table.columns.get(STROKE, ("",) * len(table))
+    strokes = [
+        f"{table.path}/{cell}" if cell else origin
+        for cell, origin in zip(cells, samples.origin, strict=True)
+    ]
+    return replace(samples, labels={**samples.labels, STROKE: np.array(strokes, dtype=np.str_)})
 
 
 def _payload_columns(tables: Sequence[CsvTable], joints: set[str]) -> tuple[NumberColumn, ...]:

@@ -18,6 +18,8 @@ from suta_calib.plotting.look import MOST_LABELLED
 from suta_calib.plotting.scene import PlacedPoints, Posable, Scene, drawn_rows
 from suta_calib.units import FARTHEST, REFERENCE_TEMPERATURE
 
+# Label column of rows that an arm passed through in one stroke of a motion without stops.
+STROKE: Final = "stroke"
 Array = TypeVar("Array", bound=NDArray[Any])
 # What an arm may be, °C; kelvins are beyond.
 TEMPERATURES: Final = (-60.0, 150.0)

@@ -26,8 +26,9 @@ from suta_calib.assessment import Level
 from suta_calib.errors import SamplesError
 from suta_calib.measurements import Artefact, Board, SampleColumns, YamlSection
 from suta_calib.measurements.fields import Field, Fields
+from suta_calib.measurements.samples import STROKE
 from suta_calib.measurements.scale import LengthScale
-from suta_calib.terms.block import Block, first_of_each, joined, same_touches
+from suta_calib.terms.block import Block, first_of_each, joined, numbered, same_touches
 from suta_calib.terms.external_frame import ExternalFrame, frames_of
 from suta_calib.terms.from_arrays import FromArrays
 from suta_calib.terms.given_places import GivenPlaces
@@ -377,10 +378,13 @@ class Term(GivenPlaces):
     def clusters(self) -> IntArray:
         """(n,) one number, from 0, for all samples that err together.
 
-        They are at one posture, read without moving or met again, or repeat a touch: they share
-        whatever the model gets wrong there. The sum of their errors counts, not their number.
+        They are at one posture, read without moving or met again, repeat a touch, or are of one
+        stroke of a sweep (label ``stroke``): they share whatever the model gets wrong there, and
+        on which side the tip lies. The sum of their errors counts, not their number.
         """
-        return joined(self.poses.postures, self.repeats())
+        strokes = self.poses.samples.labels.get(STROKE)
+        same_stroke = [] if strokes is None else [numbered(strokes)[1]]
+        return joined(self.poses.postures, self.repeats(), *same_stroke)
 
     @property
     def notes(self) -> tuple[str, ...]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import warnings
 from contextlib import nullcontext
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -225,3 +226,25 @@ def test_optional_labels_are_read_where_every_file_has_them(tmp_path: Path) -> N
     both = read_samples([tmp_path / "with.csv", tmp_path / "without.csv"], joints, columns)
     assert set(both.labels) == {"point"}
     assert both.labels["point"].tolist() == ["A", "A"]
+
+
+# ── strokes ──────────────────────────────────────────────────────────────────────────────────
+def test_strokes_are_those_of_their_file(tmp_path: Path) -> None:
+    (tmp_path / "a.csv").write_text(
+        "j1,point,stroke\n0,A,1\n1,A,1\n2,A,\n3,A,2\n", encoding="utf-8"
+    )
+    (tmp_path / "b.csv").write_text("j1,point,stroke\n0,B,1\n", encoding="utf-8")
+    (tmp_path / "c.csv").write_text("j1,point\n0,C\n1,C\n", encoding="utf-8")
+    files = [tmp_path / f"{name}.csv" for name in "abc"]
+    samples = read_samples(files, [REVOLUTE], TOUCHED)
+    _, number = np.unique(samples.labels["stroke"], return_inverse=True)
+    # A row without a stroke is by itself, and so is every row of a file without the column.
+    assert number[0] == number[1]
+    assert len(set(number)) == len(samples) - 1
+    assert "stroke" not in read_samples(files[2:], [REVOLUTE], TOUCHED).labels
+
+
+def test_a_joint_may_be_called_stroke(tmp_path: Path) -> None:
+    (tmp_path / "a.csv").write_text("stroke,point\n0.1,A\n0.1,A\n", encoding="utf-8")
+    samples = read_samples([tmp_path / "a.csv"], [replace(PRISMATIC, name="stroke")], TOUCHED)
+    assert list(samples.labels) == ["point"]

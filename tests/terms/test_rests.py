@@ -149,6 +149,15 @@ def test_poses_that_were_measured_err_each_by_itself() -> None:
     np.testing.assert_array_equal(poses.rests, np.arange(n))
 
 
+def test_rows_of_one_stroke_are_one_cluster() -> None:
+    arm = arm_named("suta")
+    strokes = np.repeat(["a", "b", "c"], [4, 1, 3])
+    labels = {"point": ["F1"] * 8, "stroke": strokes}
+    term = FixedPoint(ArmPoses(arm, Samples.from_arrays(arm.joints, postures(8), labels=labels)))
+    np.testing.assert_array_equal(term.clusters, [0, 0, 0, 0, 1, 2, 2, 2])
+    np.testing.assert_array_equal(term.take([7, 4, 6]).clusters, [0, 1, 0])
+
+
 @pytest.mark.parametrize("as_repeats", [False, True])
 def test_readings_at_a_rest_are_one_cluster_whatever_they_are_called(as_repeats: bool) -> None:
     """Two repeats, each touch of them read three times; or six repeats without moving."""
