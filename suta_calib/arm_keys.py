@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
-from typing import Any, Final, TypeVar
+from typing import Any, ClassVar, Final, Protocol, TypeVar
 
 import numpy as np
 
@@ -49,6 +49,20 @@ from suta_calib.units import from_mm
 from suta_calib.words import seen_from
 
 _AnyMechanism = TypeVar("_AnyMechanism", ArmModel, Robot, ArmModel | Robot)
+
+
+class _OfChain(Protocol):
+    """A row of a job or a set of a simulation, as `CHAIN_KEYS` say."""
+
+    __dataclass_fields__: ClassVar[dict[str, Any]]
+
+    @property
+    def chain(self) -> str: ...
+    @property
+    def link(self) -> str: ...
+
+
+_Row = TypeVar("_Row", bound=_OfChain)
 
 TIP_OFFSET_KEYS: Final = Fields(
     Field("position_mm", XYZ_MM, "Approximate position of the tip.", required=True),
@@ -219,6 +233,12 @@ class Couplings:
 
 
 CHAIN_KEYS: Final = Fields(
+    Field(
+        "link",
+        TEXT,
+        "Link that carries what is seen or felt in this row, in place of the tip: a sensor that is "
+        "strapped to the forearm.",
+    ),
     Field("chain", TEXT, "Chain that the samples are of, where the arm has several (arm.chains)."),
     Field(
         "base_chain",
@@ -394,6 +414,20 @@ class ArmSpec(Displayable):
         if chain and chain == base_chain:
             raise row.refuse(f"'{chain}' as both", "two chains", at=("base_chain",))
 
+    def on_links(self, rows: Sequence[_Row]) -> tuple[ArmSpec, list[_Row]]:
+        """The same with a chain to each link that rows name, and the rows of these chains."""
+        if not any(row.link for row in rows):
+            return self, list(rows)
+        main = self.chains or {self.tip: ChainSpec(self.tip, self.base, self.tip_offset)}
+        chains, of_chains = dict(main), list[_Row]()
+        for row in rows:
+            name = row.chain or self.tip
+            if row.link not in ("", main[name].tip):
+                base, name = main[name].base, f"{row.link} of {name}" if row.chain else row.link
+                chains[name] = ChainSpec(row.link, base)
+            of_chains.append(replace(row, chain=name))
+        return replace(self, tip="", tip_offset=None, chains=chains), of_chains
+
     def one(self, chain: str = "") -> tuple[str, str | None]:
         """Tip and base of the arm, or of the chain of this name.
 
@@ -459,7 +493,8 @@ class ArmSpec(Displayable):
             if self.section is None or problem.where not in ("tip", "base"):
                 raise
             expected = f"{problem.expected} {self.urdf}"
-            at, hint = (problem.where,) if problem.where in self.section else (), problem.hint
+            own = problem.where in self.section and not self.chains
+            at, hint = (problem.where,) if own else (), problem.hint
             raise self.section.refuse(problem.found, expected, at=at, hint=hint) from None
         if self.couplings is not None:
             arm = self.couplings.on(arm)

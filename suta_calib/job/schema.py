@@ -61,6 +61,8 @@ class ObservationSpec(Displayable):
             the row says nothing of it.
         chain: whose samples they are, where the arm has several chains.
         base_chain: the chain from whose tip it is seen; empty for its own base.
+        link: what carries what is seen; empty for the tip. In a job that was read, ``chain`` is
+            then the chain to this link.
     """
 
     kind: str
@@ -81,6 +83,7 @@ class ObservationSpec(Displayable):
     scale: LengthScale | None = None
     chain: str = ""
     base_chain: str = ""
+    link: str = ""
 
 
 @dataclass(frozen=True)
@@ -281,7 +284,15 @@ def read_job(path: Path) -> JobSpec:
     # Later rows win: what the job says of the tip, and of couplings, counts.
     for row, section in _rows(spec, top):
         spec.arm.check_chain(section, row.chain, row.base_chain)
-    return replace(spec, parameters=(*spec.arm.selections, *spec.parameters))
+    arm, rows_of_chains = arm.on_links((*spec.observations, *spec.validation))
+    fitted = len(spec.observations)
+    return replace(
+        spec,
+        arm=arm,
+        parameters=(*arm.selections, *spec.parameters),
+        observations=tuple(rows_of_chains[:fitted]),
+        validation=tuple(rows_of_chains[fitted:]),
+    )
 
 
 def _rows(spec: JobSpec, top: YamlSection) -> Iterator[tuple[ObservationSpec, YamlSection]]:

@@ -369,12 +369,20 @@ class NumberColumn:
         unit: m, rad, …; 1 for a plain number.
         required: whether it must be there; otherwise all files of a term have it, or none.
         positive: whether it must be greater than zero.
+        noise_unit: unit of the noise that it scatters by: its own, but for a component of a
+            direction, which scatters as an angle.
     """
 
     name: str
     unit: Unit = "1"
     required: bool = True
     positive: bool = False
+    noise_unit: Unit | None = None
+
+    @property
+    def scatters_in(self) -> Unit:
+        """`noise_unit`, or its own unit."""
+        return self.noise_unit or self.unit
 
     @property
     def names(self) -> tuple[str, ...]:

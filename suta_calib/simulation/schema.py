@@ -108,6 +108,7 @@ class SetSpec(Displayable):
         payload_place: (3,) where their centre is in the frame of the tip, m.
         chain: whose samples they are, where the arm has several chains.
         base_chain: the chain from whose tip it is seen or touched; empty for its own base.
+        link: as of `ObservationSpec`.
     """
 
     name: str
@@ -132,6 +133,7 @@ class SetSpec(Displayable):
     payload_place: tuple[float, ...] = (0.0, 0.0, 0.0)
     chain: str = ""
     base_chain: str = ""
+    link: str = ""
 
     @property
     def term(self) -> type[Term]:
@@ -404,13 +406,14 @@ def read_simulation(path: str | Path) -> SimulationSpec:
     sets = named(top, "sets", lambda name, section: _set(name, section, noise))
     for name, plan in sets.items():
         arm.check_chain(top.section("sets").section(name), plan.chain, plan.base_chain)
+    arm, of_chains = arm.on_links([*sets.values()])
     return SimulationSpec(
         Path(path),
         arm,
         seed=values.get("seed", 0),
         posture=_posture(top),
         errors=values.get("errors", ()),
-        sets=tuple(sets.values()),
+        sets=tuple(of_chains),
     )
 
 

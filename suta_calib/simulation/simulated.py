@@ -271,7 +271,7 @@ def _read_numbers(
     plan: SetSpec, ideal: Mapping[str, FloatArray], rng: np.random.Generator
 ) -> dict[str, FloatArray]:
     """Numbers by name, (n,) in SI, as an instrument reads them: with noise."""
-    level = {c.name: plan.noise.of_instrument(c.unit) for c in plan.term.columns.numbers}
+    level = {c.name: plan.noise.of_instrument(c.scatters_in) for c in plan.term.columns.numbers}
     return {name: v + level[name] * rng.standard_normal(len(v)) for name, v in ideal.items()}
 
 

@@ -58,7 +58,7 @@ class GivenPlaces(ABC):
         by_name: dict[str, PriorValue] = {}
         for label, pose in self.given.items():
             by_name |= self.prior_from_pose(label, pose)
-        return _with_known(self.own_parameters, by_name)
+        return with_known(self.own_parameters, by_name)
 
     def prior_from_pose(self, label: str, pose: GivenPose) -> dict[str, PriorValue]:
         """The own unknowns, by name, that a given pose tells of a place; empty for no such place.
@@ -121,7 +121,7 @@ class GivenPlaces(ABC):
         return by_name
 
 
-def _with_known(
+def with_known(
     parameters: Sequence[Parameter], by_name: Mapping[str, PriorValue]
 ) -> tuple[Parameter, ...]:
     """Unknowns, of which some are known beforehand: fixed there, or with a prior about it."""

@@ -289,7 +289,7 @@ class Term(GivenPlaces):
         if self.medium != "touch":
             pairs = [*zip(self.blocks, noise, strict=True)]
             by_unit: dict[str, float] = {block.unit: level for block, level in reversed(pairs)}
-            units = {number.name: number.unit for number in self.columns.numbers}
+            units = {number.name: number.scatters_in for number in self.columns.numbers}
             units |= {"position": "m", "rotation": "rad"}
             levels = {name: by_unit[unit] for name, unit in units.items() if unit in by_unit}
             relative = self.blocks[0].relative

@@ -108,6 +108,8 @@ class Scene:
         position, rotation: (n, 3), (n, 3, 3) of the tip when touching, or of what was seen.
         stated: (n, 3) standard deviations that the rows state of what was seen, m; noise is in
             proportion to them.
+        up: (3,) which way is up in the base, where a sensor that was turned by ``rotation`` felt
+            it.
     """
 
     kind: str
@@ -124,6 +126,7 @@ class Scene:
     pixels: FloatArray | None = None
     lengths: dict[str, FloatArray] = field(default_factory=dict)
     stated: FloatArray | None = None
+    up: FloatArray | None = None
 
     def samples(self, spread: Spread = Spread(), seed: int = 0, trials: int = 1) -> list[Samples]:
         """Independent repetitions of the measurement."""
@@ -134,11 +137,15 @@ class Scene:
         if self.stated is not None:
             noise *= self.stated / np.exp(np.log(self.stated).mean())
         position = self.position + noise
-        for rows in position:
+        rotation = self.rotation @ turn
+        for rows, turned in zip(position, rotation, strict=True):
             bad = rng.permutation(n)[: round(spread.outliers * n)]
             direction = rng.standard_normal((len(bad), 3))
-            rows[bad] += spread.gross * direction / np.linalg.norm(direction, axis=1)[:, None]
-        rotation = self.rotation @ turn
+            off = spread.gross * direction / np.linalg.norm(direction, axis=1)[:, None]
+            rows[bad] += off
+            if self.up is not None:
+                # As many times the scatter as positions are off.
+                turned[bad] @= rotation_from_vector(off * spread.rotation / spread.position)
         q = np.tile(self.q, (trials, 1, 1))
         if self.touched and spread != Spread():
             flat = readings_for(self.arm, self.truth, position, rotation, q)
@@ -173,6 +180,9 @@ class Scene:
             measured["position_sigma"] = self.stated
         if "rotation" in self.seen:
             measured["rotation"] = rotation
+        if self.up is not None:
+            felt = self.up @ rotation
+            measured["numbers"] = dict(zip(("ax", "ay", "az"), felt.T, strict=True))
         return Samples.from_arrays(self.arm.joints, q, labels=self.labels, **measured)
 
 
@@ -290,6 +300,15 @@ def range_scene(arm: ArmModel, truth: dict[str, float], *, measured: bool) -> Sc
     )
     settings = {"measured": measured, "lengths": lengths}
     return places_scene("range", arm, truth, 18, settings, anchors)
+
+
+def gravity_scene(arm: ArmModel, truth: dict[str, float], n: int = 40) -> Scene:
+    """A phone that is strapped to the tip in any way, on an arm whose base leans."""
+    q = random_readings(arm, np.random.default_rng(8), n)
+    rotation, position = arm.forward(q, truth)
+    mount, up = rotation_from_vector([0.4, -1.1, 2.0]), rotation_from_vector([0.02, -0.03, 0])
+    seen = rotation @ mount
+    return Scene("gravity", arm, truth, q, False, position, seen, up=9.81 * up[:, 2])
 
 
 def contact_scene(

@@ -9,6 +9,7 @@ from functools import cache
 import numpy as np
 import pytest
 from simulated import (
+    DH_LENGTHS,
     Scene,
     Spread,
     arm_named,
@@ -19,6 +20,7 @@ from simulated import (
     contact_scene,
     dh_parameters,
     fixed_point_scene,
+    gravity_scene,
     hand_eye_scene,
     line_scene,
     perturbed,
@@ -46,7 +48,7 @@ class Case:
 
     Attributes:
         alone: how many of them it tells by themselves, at least. Of a closed loop all lengths hang
-            on the one that is held.
+            on the one that is held; gravity tells no length.
     """
 
     kind: str
@@ -55,7 +57,7 @@ class Case:
 
     @property
     def alone(self) -> int:
-        return 4 if self.kind == "closed_loop" else 5
+        return 4 if self.kind in ("closed_loop", "gravity") else 5
 
 
 def over_artefact(kind: str, oriented: bool) -> Make:
@@ -118,6 +120,8 @@ CASES = {
     "tracked_point that states its noise": case(
         "tracked_point", lambda arm, truth: tracked_scene(arm, truth, stated=True)
     ),
+    # No length, no turn about the vertical, and nothing past the last joint.
+    "gravity": case("gravity", gravity_scene, "joint_6.offset", *DH_LENGTHS),
     "hand_eye": case("hand_eye", hand_eye_scene, "joint_6.offset", "tip.y", "tip.z"),
     "camera_view": case("camera_view", camera_scene, "joint_6.offset", "tip.y", "tip.z"),
     "camera_view beside": case(

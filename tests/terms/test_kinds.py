@@ -35,14 +35,16 @@ BY_NAME = {
 SHIPPED = shipped(KINDS)
 COLUMNS = {column for kind in SHIPPED.values() for column in kind.columns.labels}
 # Kinds that are called like any word of a sentence: there only a literal of its own names one.
-WORDS = {"contact", "range"}
+WORDS = {"contact", "gravity", "range"}
 # What else is called like a kind: a command's module, its pictures, a key of a summary, an
-# attribute of MJCF.
+# attribute of MJCF, the direction of gravity.
 OTHERS = {
     "cli/_app.py": {"suta_calib.cli.hand_eye"},
     "exchange/mjcf_child.py": {"range"},
     "exchange/readers/mjcf.py": {"range"},
     "exchange/writers/mjcf.py": {"range"},
+    "measurements/fields.py": {"gravity"},
+    "model/arm.py": {"gravity"},
     "report/hand_eye.py": {"hand_eye"},
     "report/pose_plots.py": {"hand_eye"},
     "report/study.py": {"range"},
