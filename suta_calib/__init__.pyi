@@ -59,6 +59,7 @@ from .terms import CameraView as CameraView
 from .terms import Contact as Contact
 from .terms import FixedPoint as FixedPoint
 from .terms import GivenPose as GivenPose
+from .terms import Gravity as Gravity
 from .terms import HandEye as HandEye
 from .terms import LoopClosure as LoopClosure
 from .terms import MeasuredPoses as MeasuredPoses
@@ -66,11 +67,13 @@ from .terms import MeasuredRange as MeasuredRange
 from .terms import Noise as Noise
 from .terms import PairwiseDistance as PairwiseDistance
 from .terms import Seating as Seating
+from .terms import SensorMount as SensorMount
 from .terms import Term as Term
 from .terms import TouchedLandmark as TouchedLandmark
 from .terms import TouchedLine as TouchedLine
 from .terms import TouchedPlane as TouchedPlane
 from .terms import TrackedPoint as TrackedPoint
+from .terms import UpDirection as UpDirection
 from .trust.accuracy import Accuracy as Accuracy
 from .trust.accuracy import Metrics as Metrics
 from .trust.accuracy import assess as assess

@@ -78,6 +78,7 @@ SCENES = {
     "range": (places("anchor", turned=False) + "\n    length_mm: [200, 400]", ""),
     "contact": (places("spot", turned=False), ""),
     "closed_loop": (GRIPS, ""),
+    "gravity": ("\n    samples: 60", ""),
     "tracked_point": ("\n    samples: 60", ""),
     "hand_eye": (
         "\n    samples: 60\n    eye_in_tip: {position_mm: [20, -50, 80]}"
@@ -130,7 +131,8 @@ def observed(kind: str) -> dict[str, dict[str, dict[str, float | None]]]:
         simulation.write_text(
             f"{ARM}seed: 1\n{POSTURE}{NOISE}sets:\n  set:\n    kind: {kind}{scene}\n", "utf-8"
         )
-        sigma = f"\n    sigma_{KINDS[kind].unit}: 0.1"
+        unit = KINDS[kind].unit
+        sigma = "" if unit == "deg" else f"\n    sigma_{unit}: 0.1"
         sigma += "\n    sigma_deg: 0.05" if KINDS[kind].has_angles else ""
         named = row if not row or row.startswith("\n") else f"\n{row}"
         job.write_text(

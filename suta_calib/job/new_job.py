@@ -128,7 +128,7 @@ def new_job(
         names = (
             *columns.labels,
             *measured,
-            *(number.name for number in columns.numbers),
+            *(number.name for number in columns.numbers if number.offered),
             *joints,
         )
         csv.writer(header, lineterminator="\n").writerow(names)

@@ -371,6 +371,7 @@ class NumberColumn:
         positive: whether it must be greater than zero.
         noise_unit: unit of the noise that it scatters by: its own, but for a component of a
             direction, which scatters as an angle.
+        offered: whether the files of a new job have it.
     """
 
     name: str
@@ -378,6 +379,7 @@ class NumberColumn:
     required: bool = True
     positive: bool = False
     noise_unit: Unit | None = None
+    offered: bool = True
 
     @property
     def scatters_in(self) -> Unit:

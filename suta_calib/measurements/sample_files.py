@@ -138,7 +138,13 @@ def read_samples(
     tables = [read_csv_table(path) for path in paths]
     there = [n for n in columns.optional_labels if all(n in table.columns for table in tables)]
     there += [name for name in columns.common_labels if _everywhere(tables, name)]
-    there_too = [n for n in columns.numbers if n.required or _everywhere(tables, *n.names)]
+    names = {j.name for j in joints}
+    # A column that need not be there, and has the name of a joint, holds that joint's readings.
+    there_too = [
+        n
+        for n in columns.numbers
+        if n.required or (names.isdisjoint(n.names) and _everywhere(tables, *n.names))
+    ]
     columns = replace(columns, labels=(*columns.labels, *there), numbers=tuple(there_too))
     for joint in joints:
         if joint.optional:
@@ -147,7 +153,6 @@ def read_samples(
     with_direction = {
         j.name for j in joints if all(_direction(j.name) in t.columns for t in tables)
     }
-    names = {j.name for j in joints}
     warm = TEMPERATURE not in names and _everywhere(tables, TEMPERATURE)
     loaded = _payload_columns(tables, names)
     weighed = columns.position_sigma and _everywhere(tables, *position_sigma_columns())
@@ -461,7 +466,7 @@ def _turns_beyond(values: FloatArray, joint: JointRange) -> int | None:
 def check_joint_names(joints: Sequence[str], columns: SampleColumns) -> None:
     """Refuse a joint whose column would also have to hold something else."""
     taken = {*columns.labels, *columns.common_labels}
-    taken |= {name for column in columns.numbers for name in column.names}
+    taken |= {name for column in columns.numbers if column.required for name in column.names}
     taken |= {*position_columns()} if columns.position else set()
     taken |= {*position_sigma_columns()} if columns.position_sigma else set()
     taken |= {*rotation_columns()} if columns.orientation != "none" else set()

@@ -6,6 +6,8 @@ from .contact import Contact as Contact
 from .fixed_point import FixedPoint as FixedPoint
 from .given_pose import GivenPose as GivenPose
 from .gravity import Gravity as Gravity
+from .gravity import SensorMount as SensorMount
+from .gravity import UpDirection as UpDirection
 from .hand_eye import HandEye as HandEye
 from .hand_eye_start import EyeSetup as EyeSetup
 from .hand_eye_start import Poses as Poses

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, ClassVar, Final
+from typing import Any, ClassVar, Final, Self
 
 import casadi as ca
 import numpy as np
@@ -36,7 +37,7 @@ from suta_calib.terms.external_frame import labelled
 from suta_calib.terms.given_places import with_known
 from suta_calib.terms.given_pose import GivenPose, PriorValue
 from suta_calib.terms.observed import Observed
-from suta_calib.terms.poses import PoseSource
+from suta_calib.terms.poses import ArmPoses, PoseSource
 from suta_calib.terms.term import Gap, Term
 from suta_calib.units import text
 
@@ -46,7 +47,7 @@ _BIAS: Final = ("bx", "by", "bz")
 
 
 @dataclass(frozen=True, eq=False)
-class GivenMount(Displayable):
+class SensorMount(Displayable):
     """How a sensor is turned in the tip's link, as far as that is known.
 
     Attributes:
@@ -66,7 +67,7 @@ class GivenMount(Displayable):
 
 
 @dataclass(frozen=True, eq=False)
-class GivenUp(Displayable):
+class UpDirection(Displayable):
     """Which direction is up in the base, as far as that is known.
 
     Attributes:
@@ -118,34 +119,41 @@ class Gravity(Term):
         up: which direction is up, where that is known.
         bias: standard deviation of an accelerometer's zero error on each axis, in parts of gravity;
             0 for one without.
+        hangs: whether the z axis of the base is nearer to down than to up; None as the data say.
 
     Raises:
         SamplesError: the samples have neither accelerations nor angles.
     """
 
     kind = "gravity"
-    order = 10
+    order = 12
     about = (
-        "an accelerometer or an inclinometer on the tip's link felt gravity at rest. How it is "
-        "mounted, and whether the base is level, are estimated too"
+        "an accelerometer or an inclinometer (a phone) on the tip's link, or on another link "
+        "(link), felt gravity while the arm rested. It shows the zeros and the axes of the joints "
+        "before it. It shows no length, and no turn about the vertical: not the zero of a first "
+        "joint that turns about it. How the sensor is mounted, and whether the base is level, are "
+        "estimated too, unless you state them"
     )
     columns = SampleColumns(
         numbers=(
             *(NumberColumn(name, required=False, noise_unit="rad") for name in _ACCELERATION),
-            *(NumberColumn(name, "rad", required=False) for name in _TILT),
+            *(NumberColumn(name, "rad", required=False, offered=False) for name in _TILT),
         ),
         about={
-            "ax, ay, az": "Acceleration at rest, in any one unit: it points up.",
-            "roll, pitch": "In place of these: turn of an inclinometer about its x and y axes.",
+            "ax": "Acceleration at rest along the sensor's x axis, in any one unit. It points up.",
+            "ay": "The same along y.",
+            "az": "The same along z.",
+            "roll": "In place of these: turn of an inclinometer about its x axis.",
+            "pitch": "The same about its y axis; its orientation is `Ry(pitch) Rx(roll)`.",
         },
     )
     medium = "instrument"
     unit = "deg"
     keys = (
         Field(
-            "sensor", mapping(GivenMount), "How the sensor is mounted on the tip's link, if known."
+            "sensor", mapping(SensorMount), "How the sensor is mounted on the tip's link, if known."
         ),
-        Field("up", mapping(GivenUp), "Which direction is up in the base, if known."),
+        Field("up", mapping(UpDirection), "Which direction is up in the base, if known."),
         Field(
             "bias",
             quantity(sign="non-negative"),
@@ -168,9 +176,10 @@ class Gravity(Term):
 
     angular_noise: Noise = LEARNT
     label: str = "default"
-    sensor: GivenMount | None = None
-    up: GivenUp | None = None
+    sensor: SensorMount | None = None
+    up: UpDirection | None = None
     bias: float = 0.0
+    hangs: bool | None = None
 
     @classmethod
     def measures_lengths(cls) -> bool:
@@ -231,7 +240,7 @@ class Gravity(Term):
         elif all(name in numbers for name in _TILT):
             vectors = _up_at(*(numbers[name] for name in _TILT))
         else:
-            there = ", ".join(numbers) or "none of them"
+            there = f"only {', '.join(numbers)}" if numbers else "no readings of a sensor"
             raise self.refuse(there, "columns ax, ay, az, or columns roll, pitch")
         length = np.linalg.norm(vectors, axis=1)
         unit = vectors / np.where(length > 0, length, 1.0)[:, None]
@@ -241,9 +250,17 @@ class Gravity(Term):
     @cached_property
     def _sign(self) -> float:
         """1 where the base's z axis is nearer to up than -z is; -1 for an arm that hangs."""
+        if self.hangs is not None:
+            return -1.0 if self.hangs else 1.0
         if self.up is not None:
             return 1.0 if self.up.direction[2] >= 0 else -1.0
         return 1.0 if self._mount_and_up(self.poses.at({})[0])[1][2] >= 0 else -1.0
+
+    def beside(self, terms: Sequence[Term]) -> Self:
+        """Those that share a base agree on which way it stands: as the longest chain says."""
+        same = [t for t in terms if isinstance(t, Gravity) and t._owners[0] == self._owners[0]]
+        most = max(same, key=lambda t: (t.up is not None, t.poses.samples.q.shape[::-1]))
+        return replace(self, hangs=most._sign < 0)
 
     @cached_property
     def blocks(self) -> tuple[Block, ...]:
@@ -279,36 +296,56 @@ class Gravity(Term):
         return np.concatenate([lean, vector_from_rotation(mount), biases])
 
     def _mount_and_up(self, rotation: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """S (3, 3) and u (3,) of ``R_i S a_i = u``: linear in both, by singular values.
+        """S (3, 3) and u (3,) of ``R_i S a_i = u``.
 
-        Of what is given, the other follows as a mean.
+        Of what is given, the other follows as a mean. If nothing is given, both are linear unknowns
+        of one homogeneous system. It has more than one solution where few joints turn, and one that
+        is a reflection where the axes of the sensor are left-handed; so it counts only where it
+        fits much better than an arm that stands as its job says.
         """
-        measured, _ = self._measured
-        if self.sensor is not None:
-            mount = self.sensor.rotation
-        elif self.up is not None:
-            # Wahba's problem: S a_i = R_iᵀ u.
-            mount = _nearest_rotation(
-                (rotation.transpose(0, 2, 1) @ self.up.direction).T @ measured
-            )
-        else:
-            by_mount = np.einsum("nij,nk->nijk", rotation, measured).reshape(-1, 9)
-            by_up = np.tile(np.eye(3), (len(measured), 1))
-            found = np.linalg.svd(np.hstack([by_mount, -by_up]))[2][-1][:9].reshape(3, 3)
-            mount = _nearest_rotation(found * (np.sign(np.linalg.det(found)) or 1.0))
+        measured, length = self._measured
         if self.up is not None:
-            return mount, self.up.direction
-        up = np.mean(rotation @ mount @ measured[:, :, None], axis=0)[:, 0]
-        length = float(np.linalg.norm(up))
-        return mount, up / length if length > 1e-9 else np.array([0.0, 0.0, 1.0])
+            up = self.up.direction
+            return self.sensor.rotation if self.sensor else self._mount(rotation, up), up
+        if self.sensor is not None:
+            return self.sensor.rotation, _mean_up(rotation, self.sensor.rotation, measured)
+        stands = self._mount(rotation, self._arms_up), self._arms_up
+        if not length.any():
+            return stands
+        by_mount = np.einsum("nij,nk->nijk", rotation, measured).reshape(-1, 9)
+        by_up = np.tile(np.eye(3), (len(measured), 1))
+        found = np.linalg.svd(np.hstack([by_mount, -by_up]))[2][-1][:9].reshape(3, 3)
+        mount = _nearest_rotation(found * (np.sign(np.linalg.det(found)) or 1.0))
+        free = mount, _mean_up(rotation, mount, measured)
+        off, off_free = (
+            float(np.linalg.norm(rotation @ S @ measured[:, :, None] - u[:, None]))
+            for S, u in (stands, free)
+        )
+        # A reflection is off by half a radian and more; zeros and bases by some degrees.
+        return free if 0.3 * math.sqrt(len(measured)) < off and 3.0 * off_free < off else stands
+
+    def _mount(self, rotation: FloatArray, up: FloatArray) -> FloatArray:
+        """S of ``S a_i = R_iᵀ u``, for a known u: Wahba's problem."""
+        return _nearest_rotation((rotation.transpose(0, 2, 1) @ up).T @ self._measured[0])
+
+    @property
+    def _arms_up(self) -> FloatArray:
+        """(3,) up in the base, as the arm is said to stand."""
+        if not isinstance(self.poses, ArmPoses):
+            return np.array([0.0, 0.0, 1.0])
+        down = self.poses.arm.gravity
+        return np.asarray(-down / float(np.linalg.norm(down)))
 
     @property
     def misread(self) -> Iterator[tuple[str, Term]]:
-        """With an axis of the sensor the other way round; with roll and pitch exchanged."""
+        """With axes of the sensor the other way round; with roll and pitch exchanged."""
         numbers = self.poses.samples.numbers
         if _ACCELERATION[0] in numbers:
-            what = "the axes of the accelerometer are left-handed: change the sign of one of them"
-            yield what, self._with_numbers({"ax": -numbers["ax"]})
+            for name in _ACCELERATION:
+                what = f"{name} has the other sign, as where the sensor's axes are left-handed"
+                yield what, self._with_numbers({name: -numbers[name]})
+            turned = {name: -numbers[name] for name in _ACCELERATION}
+            yield "the sensor shows which way is down: all signs change", self._with_numbers(turned)
             return
         roll, pitch = (numbers[name] for name in _TILT)
         yield "roll and pitch are exchanged", self._with_numbers({"roll": pitch, "pitch": roll})
@@ -318,6 +355,19 @@ class Gravity(Term):
         samples = self.poses.samples
         again = replace(samples, numbers={**samples.numbers, **numbers})
         return self.over_poses(self.poses.with_samples(again))
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """By these readings the arm hangs, although the job says that it stands; or the reverse."""
+        if self.up is not None or self._sign * self._arms_up[2] >= 0:
+            return ()
+        hangs = "hangs from its base" if self._sign < 0 else "stands on its base"
+        return (
+            f"by these directions the arm {hangs}. If it does not, the sensor reports gravity as "
+            "pointing down, or its axes are left-handed: the values of the joints are right all "
+            "the same, but those of the sensor and of up are not. If it does, state it "
+            "(arm: {gravity: …})",
+        )
 
     @property
     def doubts(self) -> Mapping[str, Level]:
@@ -368,6 +418,13 @@ def _up_at(roll: FloatArray, pitch: FloatArray) -> FloatArray:
     """(n, 3) "up" in an inclinometer that was turned by ``Ry(pitch) Rx(roll)``."""
     sine, cosine = np.sin(pitch), np.cos(pitch)
     return np.column_stack([-sine, cosine * np.sin(roll), cosine * np.cos(roll)])
+
+
+def _mean_up(rotation: FloatArray, mount: FloatArray, measured: FloatArray) -> FloatArray:
+    """(3,) the mean direction in the base of what a sensor that is mounted so measured."""
+    up = np.mean(rotation @ mount @ measured[:, :, None], axis=0)[:, 0]
+    length = float(np.linalg.norm(up))
+    return up / length if length > 1e-9 else np.array([0.0, 0.0, 1.0])
 
 
 def _nearest_rotation(matrix: FloatArray) -> FloatArray:

@@ -140,6 +140,9 @@ CASES = {
         ),
         place="hand_eye.x",
     ),
+    "gravity": Case(
+        "gravity", "    samples: 40\n", "    samples: 15\n", place="sensor.rx", unit="deg"
+    ),
     # Of a package outside, tests/support/outside_package: angles alone.
     "inclinometer": Case(
         "inclinometer", "    samples: 40\n", "    samples: 15\n", place="sensor.rx", unit="deg"
