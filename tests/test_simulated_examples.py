@@ -20,7 +20,7 @@ pytestmark = pytest.mark.usefixtures("undrawn")
 
 # Parameters that nothing can tell, so that they stay where they are drawn.
 REDUNDANT = {"two_arms": {"left_6.offset", "right_6.offset"}}
-ARMS = ("so101_printed_sheet", "camera_on_arm", "two_arms", "whole_robot")
+ARMS = ("so101_printed_sheet", "camera_on_arm", "two_arms", "whole_robot", "phone_on_arm")
 # An arm that bends needs more than its URDF.
 CARE = {"whole_robot"}
 # A parameter's error over its standard deviation that chance alone does not make.
@@ -81,7 +81,8 @@ def test_calibrated_it_finds_what_was_put_in(name: str, examples: Path) -> None:
     result = json.loads((folder / "results" / "result.json").read_text(encoding="utf-8"))
     assert result["verdict"]["level"] == ("care" if name in CARE else "good")
     held_out = result["metrics"]["validation"]
-    found = [held_out[state]["rms_mm"] for state in ("before", "after")]
+    unit = "deg" if name == "phone_on_arm" else "mm"
+    found = [held_out[state][f"rms_{unit}"] for state in ("before", "after")]
     assert found == pytest.approx(figures(folder / "README.md"), abs=6e-4)
     job = CalibrationJob.load(folder / "calibration.yaml")
     truth = read_truth(folder / "simulated" / "truth.yaml", job.arm)

@@ -224,7 +224,7 @@ def own_values(plan: SetSpec, term: Term) -> dict[str, float]:
     here = PoseSpec(np.eye(3), np.zeros(3))
     stated = {frame.owner: plan.frames.get(frame.key, here) for frame in term.frames}
     stated |= {f"{term.mark}[{label}]": pose for label, pose in plan.marks.items()}
-    values = {p.name: p.nominal for p in term.own_parameters}
+    values = {p.name: p.nominal for p in term.unknowns}
     for owner, pose in stated.items():
         six = pose_values(pose.rotation, pose.position).tolist()
         values |= {p.name: v for p, v in zip(pose_parameters(owner), six, strict=True)}

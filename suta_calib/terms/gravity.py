@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -44,6 +43,8 @@ from suta_calib.units import text
 _ACCELERATION: Final = ("ax", "ay", "az")
 _TILT: Final = ("roll", "pitch")
 _BIAS: Final = ("bx", "by", "bz")
+# A mount (3, 3) and a direction (3,), and how far what was measured is off them, rad.
+_Weighed = tuple[tuple[FloatArray, FloatArray], float]
 
 
 @dataclass(frozen=True, eq=False)
@@ -253,8 +254,11 @@ class Gravity(Term):
         if self.hangs is not None:
             return -1.0 if self.hangs else 1.0
         if self.up is not None:
-            return 1.0 if self.up.direction[2] >= 0 else -1.0
-        return 1.0 if self._mount_and_up(self.poses.at({})[0])[1][2] >= 0 else -1.0
+            return _side(self.up.direction)
+        (stands, off), (free, off_free) = self._stands_or_free(self.poses.at({})[0])
+        # Zeros and bases are off by some degrees; what turns with no base, by a radian and more.
+        elsewhere = off > 0.3 and 3.0 * off_free < off
+        return _side((free if elsewhere else stands)[1])
 
     def beside(self, terms: Sequence[Term]) -> Self:
         """Those that share a base agree on which way it stands: as the longest chain says."""
@@ -296,33 +300,37 @@ class Gravity(Term):
         return np.concatenate([lean, vector_from_rotation(mount), biases])
 
     def _mount_and_up(self, rotation: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """S (3, 3) and u (3,) of ``R_i S a_i = u``.
+        """S (3, 3) and u (3,) of ``R_i S a_i = u``."""
+        (stands, off), (free, off_free) = self._stands_or_free(rotation)
+        return free if off_free < off and _side(free[1]) == self._sign else stands
+
+    def _stands_or_free(self, rotation: FloatArray) -> tuple[_Weighed, _Weighed]:
+        """S and u of an arm that stands as its job says, and of any; how far each is off, rad.
 
         Of what is given, the other follows as a mean. If nothing is given, both are linear unknowns
         of one homogeneous system. It has more than one solution where few joints turn, and one that
-        is a reflection where the axes of the sensor are left-handed; so it counts only where it
-        fits much better than an arm that stands as its job says.
+        is a reflection where the axes of the sensor are left-handed.
         """
         measured, length = self._measured
-        if self.up is not None:
-            up = self.up.direction
-            return self.sensor.rotation if self.sensor else self._mount(rotation, up), up
-        if self.sensor is not None:
-            return self.sensor.rotation, _mean_up(rotation, self.sensor.rotation, measured)
-        stands = self._mount(rotation, self._arms_up), self._arms_up
+        up = self._arms_up if self.up is None else self.up.direction
+        mount = self._mount(rotation, up) if self.sensor is None else self.sensor.rotation
+        stands = mount, up
         if not length.any():
-            return stands
-        by_mount = np.einsum("nij,nk->nijk", rotation, measured).reshape(-1, 9)
-        by_up = np.tile(np.eye(3), (len(measured), 1))
-        found = np.linalg.svd(np.hstack([by_mount, -by_up]))[2][-1][:9].reshape(3, 3)
-        mount = _nearest_rotation(found * (np.sign(np.linalg.det(found)) or 1.0))
-        free = mount, _mean_up(rotation, mount, measured)
-        off, off_free = (
-            float(np.linalg.norm(rotation @ S @ measured[:, :, None] - u[:, None]))
-            for S, u in (stands, free)
-        )
-        # A reflection is off by half a radian and more; zeros and bases by some degrees.
-        return free if 0.3 * math.sqrt(len(measured)) < off and 3.0 * off_free < off else stands
+            return (stands, 0.0), (stands, 0.0)
+        if self.sensor is None and self.up is None:
+            by_mount = np.einsum("nij,nk->nijk", rotation, measured).reshape(-1, 9)
+            by_up = np.tile(np.eye(3), (len(measured), 1))
+            found = np.linalg.svd(np.hstack([by_mount, -by_up]))[2][-1][:9].reshape(3, 3)
+            mount = _nearest_rotation(found * (np.sign(np.linalg.det(found)) or 1.0))
+        in_base = (rotation @ mount @ measured[:, :, None])[:, :, 0]
+        mean = in_base.mean(axis=0)
+        free = mount, (mean / np.linalg.norm(mean) if self.up is None and mean.any() else up)
+
+        def off(mount: FloatArray, up: FloatArray) -> float:
+            apart = (rotation @ mount @ measured[:, :, None])[:, :, 0] - up
+            return float(np.sqrt(np.mean(np.sum(apart**2, axis=1))))
+
+        return (stands, off(*stands)), (free, off(*free))
 
     def _mount(self, rotation: FloatArray, up: FloatArray) -> FloatArray:
         """S of ``S a_i = R_iᵀ u``, for a known u: Wahba's problem."""
@@ -420,11 +428,9 @@ def _up_at(roll: FloatArray, pitch: FloatArray) -> FloatArray:
     return np.column_stack([-sine, cosine * np.sin(roll), cosine * np.cos(roll)])
 
 
-def _mean_up(rotation: FloatArray, mount: FloatArray, measured: FloatArray) -> FloatArray:
-    """(3,) the mean direction in the base of what a sensor that is mounted so measured."""
-    up = np.mean(rotation @ mount @ measured[:, :, None], axis=0)[:, 0]
-    length = float(np.linalg.norm(up))
-    return up / length if length > 1e-9 else np.array([0.0, 0.0, 1.0])
+def _side(up: FloatArray) -> float:
+    """1 for a direction that is nearer to z than to -z; -1 for one that is not."""
+    return 1.0 if up[2] >= 0 else -1.0
 
 
 def _nearest_rotation(matrix: FloatArray) -> FloatArray:
