@@ -7,7 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from suta_calib.errors import ForeignFileError
-from suta_calib.exchange.imported import ImportedRows
+from suta_calib.exchange.imported import Imported, ImportedRows
 from suta_calib.exchange.reader import TABLE, read_foreign, recognised
 from suta_calib.measurements.csv_table import CsvTable, csv_table, read_csv_table
 
@@ -32,8 +32,25 @@ def pose_table(path: str | Path, **options: str) -> tuple[CsvTable, tuple[str, .
     if path.suffix.lower() == ".csv" and reader.name == TABLE:
         return read_csv_table(path), ()
     known = {option.name for option in reader.options}
+    rows = read_without_options(path, **{k: v for k, v in options.items() if k in known})
+    if not isinstance(rows, ImportedRows):
+        hint = "suta-calib import SOURCE --out FILE converts it"
+        raise ForeignFileError(rows.sentence, "poses", file=path, hint=hint)
+    table = csv_table(path, rows.text())
+    if rows.lines is not None:
+        table = replace(table, lines=rows.lines)
+    return table, (*rows.notes, *rows.remarks)
+
+
+def read_without_options(path: Path, **options: str) -> Imported:
+    """A foreign file as it is recognised, for a command that has no options of formats.
+
+    Raises:
+        ForeignFileError: as `read_foreign`; where options are needed, it names the command that has
+            them.
+    """
     try:
-        rows = read_foreign(path, reader.name, **{k: v for k, v in options.items() if k in known})
+        return read_foreign(path, recognised(path).name, **options)
     except ForeignFileError as problem:
         if "--" not in problem.hint:
             raise
@@ -46,10 +63,3 @@ def pose_table(path: str | Path, **options: str) -> tuple[CsvTable, tuple[str, .
             where=problem.where,
             hint=f"{problem.hint}. Such options are those of {command}",
         ) from None
-    if not isinstance(rows, ImportedRows):
-        hint = "suta-calib import SOURCE --out FILE converts it"
-        raise ForeignFileError(rows.sentence, "poses", file=path, hint=hint)
-    table = csv_table(path, rows.text())
-    if rows.lines is not None:
-        table = replace(table, lines=rows.lines)
-    return table, (*rows.notes, *rows.remarks)

@@ -118,7 +118,12 @@ _OWN: Final = (
         (BoardError,),
     ),
     _Own(_has("camera_matrix"), "a camera", _NAMED.format("camera"), _ROWS, (CameraError,)),
-    _Own(_columns("a_x(_mm)?", "a_qx"), "pairs of poses", "suta-calib hand-eye {}", ("hand-eye",)),
+    _Own(
+        _columns("a_x(_mm)?", "a_qx"),
+        "pairs of poses",
+        "suta-calib hand-eye {}",
+        ("hand-eye", "import"),
+    ),
     _Own(
         _columns("placement", "landmark"),
         "samples of an arm",
@@ -136,7 +141,7 @@ _OWN: Final = (
         _columns("x(_mm)?", "y(_mm)?", "z(_mm)?", "qx", "qy", "qz", "qw", at_most=8),
         "poses of a tool",
         "suta-calib pivot {}",
-        ("pivot", "register", "path-accuracy"),
+        ("pivot", "register", "path-accuracy", "import"),
     ),
 )
 

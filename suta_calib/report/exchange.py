@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from suta_calib.assessment import Assessment
+from suta_calib.exchange.aligned import AlignedRows
 from suta_calib.exchange.imported import Imported, ImportedRows
 from suta_calib.exchange.option import Described
 from suta_calib.exchange.writer import Exported
@@ -70,6 +71,20 @@ def imported_document(imported: Imported, written: Path | None = None) -> Docume
     if isinstance(imported, ImportedRows):
         data |= {"rows": len(imported), "dropped": imported.dropped}
         parts.append(COLUMNS.of(_Shown(*column) for column in imported.columns.items()))
+    if isinstance(imported, AlignedRows):
+        found = imported.alignment
+        data["alignment"] = {
+            "with": str(imported.other),
+            "shift_s": found.shift,
+            "shift_std_s": found.shift_std,
+            "at_s": found.at,
+            "drift_ppm": 1e6 * found.drift,
+            "drift_std_ppm": 1e6 * found.drift_std,
+            "worst_std_s": found.worst_std,
+            "overlap_s": found.overlap,
+            "agreement": found.agreement,
+            "interpolated": str(imported.interpolated),
+        }
     if written is not None:
         parts.append(Text(f"Written to {written}."))
         parts += _pictures(imported, written, data)

@@ -1,0 +1,277 @@
+"""Two recordings of one motion with clocks of their own become one file."""
+
+from __future__ import annotations
+
+import re
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from cli_job import answer, refused
+from recorded_motions import (
+    DRIFT,
+    SHIFT,
+    Recording,
+    X,
+    Z,
+    after,
+    recorded,
+    repeated_motion,
+    seen,
+    smooth_motion,
+    steady_motion,
+    two_recordings,
+)
+
+from suta_calib.arrays import FloatArray
+from suta_calib.exchange import read_foreign
+from suta_calib.exchange.aligned import AlignedRows, aligned
+from suta_calib.exchange.clock import Between, Clock
+from suta_calib.exchange.tracked_bodies import Body
+from suta_calib.geometry.numbers import random_rotations
+from suta_calib.measurements import read_csv_table
+from suta_calib.measurements.csv_table import positions, rotations
+from suta_calib.model.arm import ArmModel
+
+
+def joined(tmp_path: Path, hand: Recording, target: Recording) -> AlignedRows:
+    paths = hand.write(tmp_path / "hand.csv"), target.write(tmp_path / "target.csv")
+    return aligned(read_foreign(paths[0]), read_foreign(paths[1]))
+
+
+def worst(rows: AlignedRows, target: Recording) -> float:
+    """Largest error of a time, s."""
+    return float(np.abs(rows.alignment.first_times(target.stamps) - target.true).max())
+
+
+def closure(path: Path) -> FloatArray:
+    """(n,) m by which ``a X = Z⁻¹ … b`` is missed in a file of pairs."""
+    table = read_csv_table(path)
+    hand, target = (Body(positions(table, p), rotations(table, p)) for p in ("a_", "b_"))
+    apart = after(after(Z.inverse(), hand), X).position - target.position
+    return np.asarray(np.linalg.norm(apart, axis=1))
+
+
+def test_three_thousand_rows_are_aligned_within_2_ms_in_5_s(tmp_path: Path) -> None:
+    hand, target = two_recordings(0, 3000)
+    a, b = hand.write(tmp_path / "hand.csv"), target.write(tmp_path / "target.csv")
+    out, begin = tmp_path / "pairs.csv", time.process_time()
+    told = answer("import", a, "--align", b, "--out", out)
+    assert time.process_time() - begin < 5.0
+    found = told["alignment"]
+    at = found["at_s"]
+    assert at * (1.0 + DRIFT) + SHIFT == pytest.approx(at + found["shift_s"], abs=1e-3)
+    assert found["drift_ppm"] == pytest.approx(1e6 * DRIFT, abs=20.0)
+    assert found["worst_std_s"] < 5e-4
+    ends = target.stamps[[0, -1]]
+    times = ends + found["shift_s"] + 1e-6 * found["drift_ppm"] * (ends - at)
+    assert np.abs(times - target.true[[0, -1]]).max() < 2e-3
+    assert told["verdict"]["level"] == "good"
+    # Noise of 0.2 mm and 0.03° of the target, and of the times.
+    assert np.quantile(closure(out), 0.95) < 1e-3
+
+
+@pytest.mark.parametrize("rates", [(0.033, 0.033), (0.01, 0.05), (0.05, 0.01)])
+@pytest.mark.parametrize("inverse", [False, True], ids=["target", "inverse"])
+def test_whichever_is_faster_and_however_poses_are_told(
+    tmp_path: Path, rates: tuple[float, float], inverse: bool
+) -> None:
+    motion, seconds = smooth_motion(3, 30.0), 28.0
+    true = [np.arange(0.5 * k, seconds, rate) for k, rate in enumerate(rates)]
+    rows = joined(tmp_path, recorded(motion, true[0], 1), seen(motion, true[1], 2, inverse=inverse))
+    assert worst(rows, seen(motion, true[1], 2)) < 2e-3
+    assert rows.interpolated.name == ("hand.csv" if rates[1] > rates[0] else "target.csv")
+    # The rows are those of the slower recording.
+    assert np.median(np.diff(rows.columns["time"])) == pytest.approx(max(rates), rel=0.01)
+
+
+def test_the_standard_deviations_are_honest(tmp_path: Path) -> None:
+    ratios = []
+    for seed in range(12):
+        hand, target = two_recordings(40 + seed, 700)
+        found = joined(tmp_path, hand, target).alignment
+        middle = found.at * (1.0 + DRIFT) + SHIFT - found.at
+        ratios += [
+            (found.shift - middle) / found.shift_std,
+            (found.drift - DRIFT) / found.drift_std,
+        ]
+    assert np.abs(ratios).max() < 5.0
+    assert 0.5 < np.sqrt(np.mean(np.square(ratios))) < 2.0
+
+
+def test_readings_of_joints_become_samples(tmp_path: Path, suta_urdf: Path) -> None:
+    arm = ArmModel.from_urdf(suta_urdf, "tip")
+    rng, t = np.random.default_rng(5), np.arange(0.0, 40.0, 0.01)
+    speed, phase = rng.uniform(0.2, 1.2, (2, len(arm.joints), 1, 3)), rng.uniform(0, 6, (1, 1, 3))
+
+    def readings(at: FloatArray) -> FloatArray:
+        return np.asarray((0.3 * np.sin(speed[0] * at[:, None] + phase)).sum(axis=2).T)
+
+    def tip(at: FloatArray) -> Body:
+        rotation, position = arm.forward(readings(at))
+        return Body(position, rotation)
+
+    table = np.column_stack([t, readings(t)])
+    path = tmp_path / "joints.csv"
+    lines = [",".join(map(repr, row)) for row in table.tolist()]
+    path.write_text("\n".join([",".join(["time", *arm.joints]), *lines]) + "\n")
+    target = seen(tip, np.arange(2.0, 36.0, 0.04), 3)
+    other = target.write(tmp_path / "target.csv")
+    out = tmp_path / "samples.csv"
+    answer("import", path, "--align", other, "--urdf", suta_urdf, "--tip", "tip", "--out", out)
+    samples = read_csv_table(out)
+    assert [*samples.columns][: len(arm.joints) + 2] == ["time", *arm.joints, "x"]
+    q = np.column_stack([samples.numbers(name) for name in arm.joints])
+    assert np.abs(q - readings(samples.numbers("time"))).max() < 1e-3
+    rotation, position = arm.forward(q)
+    expected = after(after(Z.inverse(), Body(position, rotation)), X).position
+    assert np.abs(expected - positions(samples)).max() < 2e-3
+
+
+def test_a_reading_that_wraps_is_interpolated_across(tmp_path: Path) -> None:
+    """At half a turn, the mean of 179° and -179° is 180°."""
+    clock = Clock.of(tmp_path, np.arange(6.0) / 10.0)
+    between = Between.of(clock, np.array([0.25]))
+    assert between.weights.sum() == pytest.approx(1.0)
+    assert between.weights[0] == pytest.approx(np.array([-1.0, 9.0, 9.0, -1.0]) / 16.0)
+
+
+def test_between_rows_a_cubic_is_exact_and_gaps_are_not_crossed() -> None:
+    t = np.sort(np.random.default_rng(0).uniform(0.0, 10.0, 200))
+    t = t[(t < 4.0) | (t > 6.0)]
+    clock = Clock.of(Path("a.csv"), t)
+    at = np.linspace(-1.0, 11.0, 400)
+    between = Between.of(clock, at)
+    inside = (at > t[0]) & (at < t[-1])
+    assert not between.known[~inside].any()
+    assert not between.known[(at > 4.0) & (at < 6.0)].any()
+    values = 1.0 + t - 0.3 * t**2 + 0.05 * t**3
+    found = (between.weights * values[between.rows]).sum(axis=1)
+    whole = between.known & (between.weights[:, 0] != 0) & (between.weights[:, 3] != 0)
+    assert whole.sum() > 100
+    expected = 1.0 + at - 0.3 * at**2 + 0.05 * at**3
+    assert found[whole] == pytest.approx(expected[whole], abs=1e-9)
+
+
+def _later(recording: Recording, rows: slice, by: float) -> Recording:
+    stamps = recording.stamps.copy()
+    stamps[rows] += by
+    return replace(recording, stamps=stamps)
+
+
+def _some(recording: Recording, rows: object) -> Recording:
+    chosen = np.arange(len(recording.stamps))[rows]  # type: ignore[call-overload]
+    return Recording(recording.stamps[chosen], recording.body.take(chosen), recording.true[chosen])
+
+
+def _turned(recording: Recording) -> Recording:
+    assert recording.body.rotation is not None
+    back = np.swapaxes(recording.body.rotation, 1, 2)
+    return replace(recording, body=Body(recording.body.position, back))
+
+
+def _larger(recording: Recording, by: float) -> Recording:
+    return replace(recording, body=Body(by * recording.body.position, recording.body.rotation))
+
+
+def _flipped(recording: Recording) -> Recording:
+    assert recording.body.rotation is not None
+    rotation = recording.body.rotation.copy()
+    rotation[10::50] = random_rotations(np.random.default_rng(3), len(rotation[10::50]))
+    return replace(recording, body=Body(recording.body.position, rotation))
+
+
+# What is done to the target's recording, and what is then told of it.
+TOLD: dict[str, tuple[Callable[[Recording], Recording], str]] = {
+    "a clock that jumps": (
+        lambda r: _later(r, slice(700, None), 0.05),
+        r"jump.* by about \+[345]\d ms",
+    ),
+    "a gap": (lambda r: _some(r, np.r_[0:400, 600:1500]), r"1 gap of up to 6\.\d+ s"),
+    "repeated stamps": (lambda r: _some(r, np.repeat(np.arange(1500), 2)), "1500 of 3000 rows"),
+    "a board of another size": (lambda r: _larger(r, 1.3), r"are 1\.3 times those"),
+    "an inverted rotation": (_turned, "do not travel alike"),
+    "a tag that flips": (_flipped, r"\d\d poses in target.csv are far from"),
+}
+
+
+@pytest.mark.parametrize("what", TOLD)
+def test_told(what: str, tmp_path: Path) -> None:
+    spoil, says = TOLD[what]
+    hand, target = two_recordings(1)
+    rows = joined(tmp_path, hand, spoil(target))
+    assert rows.assessment.level == "care"
+    assert len(rows.notes) == 1
+    assert re.search(says, rows.notes[0]), rows.notes
+    if what != "a clock that jumps":
+        assert worst(rows, target) < 2e-3
+
+
+def test_a_clock_that_counts_ns_since_1970(tmp_path: Path) -> None:
+    hand, target = two_recordings(1)
+    since = replace(target, stamps=target.stamps + 1.7e9)
+    a = hand.write(tmp_path / "hand.csv")
+    b = since.write(tmp_path / "target.csv", clock=1e9)
+    rows = aligned(read_foreign(a), read_foreign(b))
+    assert worst(rows, since) < 2e-3
+    assert "read as ns since 1970" in " ".join(rows.remarks)
+
+
+HAND, TARGET = two_recordings(2, 700)
+TIMES: FloatArray = 0.033 * np.arange(700.0)
+REFUSED: dict[str, tuple[Callable[[Path], Path], Callable[[Path], Path], str]] = {
+    "two motions": (HAND.write, two_recordings(9, 700)[1].write, "another motion"),
+    "no overlap": (
+        _some(HAND, slice(None, 330)).write,
+        _some(TARGET, slice(370, None)).write,
+        "overlap for at least 20%",
+    ),
+    "a motion that repeats itself": (
+        recorded(repeated_motion, TIMES, 0, (5e-4, 2e-4)).write,
+        seen(repeated_motion, TIMES, 1).write,
+        "repeats itself: two shifts",
+    ),
+    "a steady turn": (
+        recorded(steady_motion, TIMES, 0, (5e-4, 2e-4)).write,
+        seen(steady_motion, TIMES, 1).write,
+        "speed of turning changes",
+    ),
+    "few rows": (HAND.write, _some(TARGET, slice(30)).write, "found 30 rows; expected at least 60"),
+    "positions alone": (
+        HAND.write,
+        lambda path: TARGET.write(path, drop=("qx", "qy", "qz", "qw")),
+        "positions without orientations",
+    ),
+    "no times": (HAND.write, lambda path: TARGET.write(path, drop=("time",)), "a column 'time'"),
+    "times in ms": (
+        HAND.write,
+        lambda path: TARGET.write(path, clock=1e3),
+        "s apart; expected a recording",
+    ),
+    "times that run backwards": (
+        HAND.write,
+        _later(TARGET, slice(350, None), -5.0).write,
+        "after 350 rows",
+    ),
+    "metres and millimetres": (HAND.write, _larger(TARGET, 1e3).write, "give --unit mm"),
+}
+
+
+@pytest.mark.parametrize("what", REFUSED)
+def test_refused(what: str, tmp_path: Path) -> None:
+    first, second, says = REFUSED[what]
+    a, b = first(tmp_path / "hand.csv"), second(tmp_path / "target.csv")
+    out = tmp_path / "out.csv"
+    assert says in refused("import", a, "--align", b, "--out", out)
+    assert not out.exists()
+
+
+def test_what_belongs_to_an_alignment_alone(tmp_path: Path, suta_urdf: Path) -> None:
+    path = HAND.write(tmp_path / "hand.csv")
+    assert "for --align" in refused("import", path, "--urdf", suta_urdf, "--tip", "tip")
+    err = refused("import", path, "--align", path, "--urdf", suta_urdf, "--tip", "tip")
+    assert "without joint_1" in err
+    assert "an input of the same command" in refused("import", path, "--align", path, "--out", path)
