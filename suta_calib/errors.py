@@ -194,6 +194,12 @@ def did_you_mean(word: str, candidates: Iterable[str]) -> str:
     Returns an empty string where nothing is close, so that the answer can go straight into
     `InputError`'s ``hint``.
     """
+    close = close_words(word, candidates)
+    return f"did you mean {close[0]!r}?" if close else ""
+
+
+def close_words(word: str, candidates: Iterable[str]) -> list[str]:
+    """The known word closest to ``word``, as of `did_you_mean`; none where nothing is close."""
     by_lower_case = {name.lower(): name for name in candidates if name != word}
     close = difflib.get_close_matches(word.lower(), by_lower_case, n=1)
-    return f"did you mean {by_lower_case[close[0]]!r}?" if close else ""
+    return [by_lower_case[name] for name in close]

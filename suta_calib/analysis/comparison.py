@@ -31,6 +31,7 @@ from suta_calib.trust.accuracy import (
     term_accuracies,
 )
 from suta_calib.units import text
+from suta_calib.words import listed
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,6 +44,7 @@ class ArmComparison:
     unsure: float = 0.0
     unsure_std: float = 0.0  # standard deviation of that, m²
     rows_in_fit: int = 0  # held-out rows that were read where rows of the job's observations were
+    left_out: tuple[str, ...] = ()  # what the job estimates, but the other arm's URDF cannot hold
 
     @cached_property
     def gain(self) -> Gain:
@@ -74,7 +76,14 @@ class ArmComparison:
         sentence = f"RMS {job_rms} with the job's URDF, {this} with this one"
         if 0.0 < abs(gain.significance) < math.inf:
             sentence += f" ({abs(gain.significance):.1f} standard errors apart)"
-        return Assessment.of(sentence, care=care)
+        facts = []
+        if self.left_out:
+            facts.append(
+                f"The job estimates {listed(self.left_out, 4)}. No URDF holds these values, so they"
+                " are left out here. To include them, give the result that was written with this "
+                "URDF: --result result.json."
+            )
+        return Assessment.of(sentence, care=care, facts=facts)
 
 
 def compare_arms(

@@ -28,8 +28,8 @@ from suta_calib.words import listed
 @urdf_argument("URDF")
 @option(
     "--tip",
-    "Link or frame of the tip; without it, the possible ones are listed. For several chains of one "
-    "robot, repeat it with a name for each: --tip left=LINK --tip right=LINK.",
+    "Link or frame of the tip; default: the end of the chain, if there is only one. For several "
+    "chains of one robot, repeat it with a name for each: --tip left=LINK --tip right=LINK.",
     name="tips",
     multiple=True,
 )
@@ -68,9 +68,12 @@ def init(
     source = urdf if made is None else made.text()
     tree = read_tree(source)
     if not tips:
-        several = "" if len(tree.leaves) < 2 else "; several in one job: --tip NAME=LINK for each"
-        expected = f"expected a link or joint of {urdf}; {ends(tree)}{several}"
-        raise click.UsageError(f"found no --tip; {expected}")
+        if len(tree.leaves) > 1:
+            several = "; several in one job: --tip NAME=LINK for each"
+            expected = f"expected a link or joint of {urdf}; {ends(tree)}{several}"
+            raise click.UsageError(f"found no --tip; {expected}")
+        tips = tree.leaves
+        click.echo(f"{urdf}: the tip is {tips[0]}, at the end of the only chain.", err=True)
     arm = _arm(source, tips, base)
     notes = [note for chain in arm.chained for note in chain.notes]
     for note in (*(made.notes if made else ()), *(f"{n}." for n in dict.fromkeys(notes))):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -58,6 +59,9 @@ def validate(urdf: UrdfFile, job: Path, result: Path | None, anyway: bool) -> Do
     compared = compare_arms(
         loaded.observations, loaded.validation, other, beside, uncertainty=uncertainty
     )
+    if result is None and other.urdf[1] != loaded.arm.urdf[1]:
+        estimated = (p for p in loaded.parameters.values() if p.free and not p.geometric)
+        compared = replace(compared, left_out=tuple(p.name for p in estimated))
     before = Path(Path(arm.urdf).name) if _is_result(job) else Path(arm.urdf)
     return comparison_document(compared, before, Path(urdf))
 

@@ -99,6 +99,8 @@ def recognised(path: Path) -> Reader:
             problem, "a file, or the folder of a recording", file=path, hint=hint
         )
     if not recognising and path.suffix.lower() in _NO_TABLES:
+        if not head.strip():
+            raise ForeignFileError("an empty file", "data", file=path)
         problem = f"a {path.suffix.lower()} file of an unknown format"
         expected = "a table, or a file in one of the formats"
         hint = "suta-calib import --list shows the formats; cameras, boards and arms need no import"

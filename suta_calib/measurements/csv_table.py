@@ -174,8 +174,8 @@ def read_csv_table(path: str | Path) -> CsvTable:
 
     Raises:
         SamplesError: unreadable, empty, header only, a column name twice, not comma-separated,
-            or a row with another number of cells than the header, or a number of fewer decimals
-            than all others, such as a half-written last one.
+            or a row with another number of cells than the header, or a last number of fewer
+            decimals or far fewer characters than all others, as if half-written.
 
     Warns:
         SutaCalibWarning: a last number that may be half-written.
@@ -194,7 +194,7 @@ def csv_table(path: Path, text: str) -> CsvTable:
     header_line, header = rows.pop(0)
     _check_header(path, header_line, header)
     if not rows:
-        hint = "fill it in; or delete it, if other files hold the samples"
+        hint = "fill it in, or delete it"
         raise SamplesError(
             "a header without data", "at least one row", file=path, line=header_line, hint=hint
         )
@@ -237,7 +237,14 @@ def _check_last(path: Path, text: str, rows: Sequence[tuple[int, list[str]]]) ->
     if fixed and len(last.partition(".")[2]) < min(decimals):
         expected = f"{min(decimals)} decimals, as in all other rows"
         raise SamplesError(problem, expected, file=path, line=line, hint=f"cut off? {hint}")
-    if len(last) < min(map(len, cells_before)):
+    shortest = min(map(len, cells_before))
+    # Programs that leave out zeros at the end leave out three of them once in a thousand numbers,
+    # and never all behind a point.
+    cut = len(last) < shortest - 2 or last.endswith(".")
+    if cut and all(map(_DECIMAL.fullmatch, cells_before)):
+        expected = f"{shortest} characters or more, as in all other rows"
+        raise SamplesError(problem, expected, file=path, line=line, hint=f"cut off? {hint}")
+    if len(last) < shortest:
         warnings.warn(
             f"{where}: found {problem}; all other rows have a longer number, so the file may be "
             f"incomplete; {hint}",

@@ -124,7 +124,7 @@ def read_samples(
 
     Warns:
         SutaCalibWarning: quaternions that are more than 1 % away from unit length; readings of a
-            prismatic joint that are far beyond its range.
+            prismatic joint that are far beyond its range; a file without rows beside others.
 
     Raises:
         SamplesError: a file cannot be read, lacks a column, holds a value that is not a finite
@@ -134,6 +134,7 @@ def read_samples(
     paths = [Path(path) for path in ([paths] if isinstance(paths, str | Path) else paths)]
     if not paths:
         raise SamplesError("no files", "at least one samples file")
+    paths = _filled(paths)
     check_joint_names([joint.name for joint in joints], columns)
     tables = [read_csv_table(path) for path in paths]
     there = [n for n in columns.optional_labels if all(n in table.columns for table in tables)]
@@ -181,6 +182,21 @@ def has_readings(path: Path, joints: Sequence[JointRange]) -> bool:
         for joint in joints
         if not joint.optional
     )
+
+
+def _filled(paths: list[Path]) -> list[Path]:
+    """The files without those that hold a header only, where another one holds samples.
+
+    A new job begins with such a file, and samples may be added beside it.
+    """
+    filled = [path for path in paths if not has_no_rows(path)] if len(paths) > 1 else paths
+    if not filled:
+        return paths
+    for path in paths:
+        if path not in filled:
+            found = "a header without data; the other files of the same row are read"
+            warnings.warn(f"{path}: found {found}", SutaCalibWarning, stacklevel=3)
+    return filled
 
 
 def has_no_rows(path: Path) -> bool:

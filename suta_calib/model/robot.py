@@ -9,7 +9,7 @@ from typing import final
 
 from numpy.typing import ArrayLike
 
-from suta_calib.errors import ParameterError, did_you_mean
+from suta_calib.errors import ParameterError, UrdfError, close_words, did_you_mean
 from suta_calib.inputs import XacroFile
 from suta_calib.model.arm import ArmModel, tip_owner
 from suta_calib.model.bodies import Bodies
@@ -141,7 +141,14 @@ class Robot(Mechanism):
             UrdfError: no such link, or a chain that cannot be used.
             ParameterError: the name is that of another chain.
         """
-        chain = self._read(tip, base)
+        try:
+            chain = self._read(tip, base)
+        except UrdfError as error:
+            near = tip if tip in self.chains else next(iter(close_words(tip, self.chains)), "")
+            if error.where != "tip" or not near:
+                raise
+            hint = f"robot.chains[{near!r}] is the chain of that name; {error.hint}"
+            raise UrdfError.of(error, error.file, error.line, hint=hint) from None
         for known in self.chains.values():
             if known.chain.ends == chain.ends:
                 return known

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 from cli_job import Capture, cli, refused
+from torso_robot import torso_robot_urdf
 
 ARTEFACT = """\
 name: block
@@ -227,9 +228,11 @@ def test_validate_needs_validation_data(folder: Path) -> None:
 def test_init_refuses_what_it_cannot_use(folder: Path, tmp_path: Path, suta_urdf: Path) -> None:
     out = tmp_path / "new"
     start = ("init", suta_urdf, "--out", out)
-    said = refused(*start)
+    several = tmp_path / "several.urdf"
+    several.write_text(torso_robot_urdf())
+    said = refused("init", several, "--out", out)
     assert "found no --tip" in said
-    assert "the chains of the file end at 'tip'" in said
+    assert "the chains of the file end at 'left_hand', 'right_hand'" in said
     assert "tipp" in refused(*start, "--tip", "tipp")
     assert "one of" in refused(*start, "--tip", "tip", "--kind", "touch")
     twice = ("--kind", "landmark", "--kind", "landmark")

@@ -189,6 +189,14 @@ def test_init_writes_a_job_that_lacks_nothing_but_samples(
     assert "calibration/samples.csv:1: found a header without data" in capsys.readouterr().err
 
 
+def test_init_takes_the_only_end_of_an_arm_as_the_tip(
+    tmp_path: Path, suta_urdf: Path, capsys: Capture
+) -> None:
+    assert cli("init", suta_urdf, "--out", tmp_path / "job") == 0
+    assert "the tip is tip, at the end of the only chain" in capsys.readouterr().err
+    assert 'tip: "tip"' in (tmp_path / "job" / "calibration.yaml").read_text()
+
+
 def test_init_job_runs_once_samples_are_filled_in(
     tmp_path: Path, job: Path, suta_urdf: Path, capsys: Capture
 ) -> None:

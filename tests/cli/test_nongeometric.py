@@ -102,8 +102,12 @@ def test_what_a_urdf_cannot_hold_is_said_and_can_be_applied(job: Path) -> None:
     assert "A URDF cannot hold joint_3.ecc_c1, joint_3.ecc_s1" in page
     urdf, file = (Path(result["files"][n]) for n in ("calibrated.urdf", "result.json"))
     assert "ecc_" not in urdf.read_text()
-    plain = answer("validate", urdf, extended)["metrics"]["validation"]["after"]["rms_mm"]
+    alone = answer("validate", urdf, extended)
+    plain = alone["metrics"]["validation"]["after"]["rms_mm"]
+    left_out = "The job estimates joint_3.ecc_c1, joint_3.ecc_s1. No URDF holds these values"
+    assert any(left_out in note and "--result" in note for note in alone["verdict"]["notes"])
     told = answer("validate", urdf, extended, "--result", file)
+    assert not any("--result" in note for note in told["verdict"]["notes"])
     assert told["metrics"]["validation"]["after"]["rms_mm"] == pytest.approx(after, rel=1e-6)
     assert plain > 5 * after
 

@@ -64,6 +64,13 @@ def test_other_yaml_is_called_so(tmp_path: Path) -> None:
         imported(path)
 
 
+def test_an_empty_file_is_called_so(tmp_path: Path) -> None:
+    path = tmp_path / "poses.yaml"
+    path.write_text("\n")
+    with pytest.raises(InputError, match="found an empty file"):
+        imported(path)
+
+
 def test_a_camera_is_no_pose(tmp_path: Path) -> None:
     path = tmp_path / "camera.yml"
     path.write_text(

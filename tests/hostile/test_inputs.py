@@ -185,18 +185,27 @@ def test_a_link_to_nothing_is_not_passed_over(scene: Path, tmp_path: Path, capsy
 def test_a_file_that_is_cut_in_its_last_number(
     scene: Path, tmp_path: Path, capsys: Capture
 ) -> None:
-    """Where all numbers have as many decimals it is sure; where one is the shortest, likely."""
+    """Where all numbers have as many decimals, or far more characters, it is sure; else likely."""
     path = scene / "a.csv"
     header, *rows = path.read_text().splitlines()
     fixed = [",".join(f"{float(cell):.6f}" for cell in row.split(",")) for row in rows]
     whole = "\n".join([header, *fixed])
+    shortest = min(len(row.rpartition(",")[2]) for row in rows[:-1])
+    near, far = (f"0.{'3' * (shortest - 2 - fewer)}" for fewer in (2, 3))
+    cut = "error: {}:13: found '{}' at the end of the file, without a line break; "
     for content, says in (
         (
             whole[:-2],
-            "error: {}:13: found '{}' at the end of the file, without a line break; "
-            "expected 6 decimals, as in all other rows",
+            f"{cut}expected 6 decimals, as in all other rows",
         ),
-        ("\n".join([header, *rows[:-1], "0.1,0.2,0.3"]), "warning: {}:13: found '{}' at the end"),
+        (
+            "\n".join([header, *rows[:-1], f"0.1,0.2,{far}"]),
+            f"{cut}expected {shortest} characters or more, as in all other rows",
+        ),
+        (
+            "\n".join([header, *rows[:-1], f"0.1,0.2,{near}"]),
+            "warning: {}:13: found '{}' at the end",
+        ),
     ):
         with spoilt(path, content.encode()):
             code = cli(*command_line("register", scene))

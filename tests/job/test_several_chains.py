@@ -198,6 +198,12 @@ def test_chains_of_two_urdfs_are_refused():
         calibrate(robot, terms)
 
 
+@pytest.mark.parametrize("tip", ["lefft", "left"])
+def test_the_name_of_a_chain_is_no_tip(tip: str):
+    with pytest.raises(InputError, match=r"robot\.chains\['left'\] is the chain of that name"):
+        torso_robot().chain(tip=tip)
+
+
 def test_a_robot_shows_itself_in_a_line():
     assert "left: base_link → left_hand, 8 joints" in repr(torso_robot())
     assert "no chain yet" in repr(Robot.from_urdf(torso_robot_urdf()))

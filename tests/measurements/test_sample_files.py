@@ -127,6 +127,18 @@ def test_units_of_readings(
     assert f"looks like {meant}: convert to" in error.hint
 
 
+def test_a_file_that_a_new_job_began_with_may_stay_beside_others(tmp_path: Path) -> None:
+    begun, own = tmp_path / "samples.csv", tmp_path / "a.csv"
+    begun.write_text("j1,point\n")
+    own.write_text("j1,point\n0.5,A\n")
+    with pytest.warns(SutaCalibWarning, match=r"samples\.csv: found a header without data"):
+        samples = read_samples([begun, own], [REVOLUTE], TOUCHED)
+    assert samples.q.tolist() == [[0.5]]
+    own.write_text("j1,point\n")
+    with pytest.raises(SamplesError, match="a header without data"):
+        read_samples([begun, own], [REVOLUTE], TOUCHED)
+
+
 def test_a_slide_without_limits_may_be_anywhere(tmp_path: Path) -> None:
     joint = JointRange("lift", "m", -math.inf, math.inf)
     assert read_samples([write(tmp_path, "lift,point\n300,A\n")], [joint], TOUCHED).q == 300.0
