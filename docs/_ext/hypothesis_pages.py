@@ -85,7 +85,8 @@ def of_patterns() -> str:
     """What needs no fit."""
     return (
         "These are found in the samples without a fit: real measurements do not repeat to the last "
-        "digit, and do not stay constant while an arm moves."
+        "digit, and do not stay constant while an arm moves. A wrong label is found in the "
+        "residuals of a robust fit, which gives such a row no weight."
     )
 
 

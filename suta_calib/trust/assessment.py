@@ -17,7 +17,6 @@ from suta_calib.trust.patterns import matches
 from suta_calib.trust.priors import PriorNotes
 from suta_calib.trust.repeats import LACKING
 from suta_calib.trust.scale_effects import ScaleEffect, held_unseen
-from suta_calib.trust.wrong_labels import sentence_on
 from suta_calib.units import Unit, stored, text, unit_name
 from suta_calib.words import listed
 
@@ -64,7 +63,7 @@ def assess_calibration(examined: CalibrationExamination) -> Assessment:
             *(item.sentence for item in contradicting if not item.bad),
             *(said for said, level in doubts.items() if level == "care"),
             *([] if accuracy.validation or accuracy.unjudged else [fitted_only]),
-            *([] if cause else judge("labels", lambda: _on_labels(examined), failed)),
+            *([] if cause else judge("rows", lambda: matches(solution, "rows"), failed)),
             *judge("the gain", lambda: _on_gain(accuracy), failed),
             *(belief.sentence for belief in beliefs),
             *judge("parameters", lambda: _on_parameters(examined), failed),
@@ -120,12 +119,6 @@ def _cause(examined: CalibrationExamination) -> list[str]:
         return [] if solution.converged else obvious
     cause = examined.other_reading
     return matches(solution, "suspicion") if cause is None else [cause.sentence]
-
-
-def _on_labels(examined: CalibrationExamination) -> list[str]:
-    """Few wrong rows hide behind a robust fit."""
-    rows = examined.wrong_labels
-    return [sentence_on(rows)] if rows else []
 
 
 def _on_gain(accuracy: Accuracy) -> list[str]:

@@ -39,7 +39,6 @@ from suta_calib.trust.rule import Rule
 from suta_calib.trust.scale_effects import ScaleEffect, scale_effects
 from suta_calib.trust.score_tests import Residuals, ScoreTest
 from suta_calib.trust.subsampled import thinned
-from suta_calib.trust.wrong_labels import WrongLabel, wrong_labels
 
 
 @dataclass(frozen=True, eq=False)
@@ -185,11 +184,6 @@ class CalibrationExamination(Examination):
     def other_reading(self) -> Rereading | None:
         """Another interpretation of the data, if they fit far better with it."""
         return explaining_reading(self.solution, self.rule)
-
-    @cached_property
-    def wrong_labels(self) -> tuple[WrongLabel, ...]:
-        """Single rows that agree with another landmark than their label states."""
-        return wrong_labels(self.solution, self.accuracy.calibration)
 
     @cached_property
     def strongest_cause(self) -> Finding | None:

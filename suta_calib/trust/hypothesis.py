@@ -169,11 +169,12 @@ class Pattern(Hypothesis):
         precedence: the lowest is said first.
         role: ``cause`` explains alone why nothing fits, and no other reading is looked for;
             ``note`` is said of every answer; ``suspicion``, which honest data may arouse as well,
-            only where nothing fits and nothing else is the cause.
+            only where nothing fits and nothing else is the cause; ``rows``, single rows that a
+            robust fit hides, where no other reading of all rows is the cause.
     """
 
     precedence: ClassVar[int] = 100
-    role: ClassVar[Literal["cause", "note", "suspicion"]] = "note"
+    role: ClassVar[Literal["cause", "note", "suspicion", "rows"]] = "note"
 
     def of_terms(self, terms: Sequence[Term]) -> Iterator[str]:
         """Sentences on the samples of terms: where the pattern is, and what to do."""

@@ -55,6 +55,7 @@ OTHER_DATA = {
     "unit of positions",
     "unit of the joints",
     "unknown mount",
+    "wrong labels",
 }
 FAULTS = {
     name: h

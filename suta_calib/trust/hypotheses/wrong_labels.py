@@ -14,10 +14,11 @@ from typing import Final
 import numpy as np
 
 from suta_calib.arrays import FloatArray, IntArray
+from suta_calib.errors import SamplesError
 from suta_calib.solver.compiled_residual import TermErrors
 from suta_calib.solver.solution import Solution
 from suta_calib.terms.term import Term
-from suta_calib.trust.accuracy import TermAccuracy
+from suta_calib.trust import Pattern, SpoiltData, Truth
 from suta_calib.trust.simulated_faults import with_columns
 from suta_calib.words import listed
 
@@ -44,12 +45,33 @@ class WrongLabel:
     likely: str
 
 
-def wrong_labels(solution: Solution, fitted: Sequence[TermAccuracy]) -> tuple[WrongLabel, ...]:
+class WrongLabels(Pattern):
     """Rows of fitted terms whose errors are ordinary with another landmark's name alone."""
-    return tuple(row for errors in fitted for row in _wrong_in(errors, solution))
+
+    name = "wrong labels"
+    about = "Single rows have the label of another landmark."
+    role = "rows"
+
+    def matches(self, answer: Solution) -> Iterator[str]:
+        """One on all of these rows."""
+        rows = [row for term in answer.problem.terms for row in _wrong_in(term, answer)]
+        if rows:
+            yield _sentence(rows)
+
+    def spoil(self, data: Term, values: Truth, rng: np.random.Generator) -> SpoiltData:
+        """One row has the label of another landmark."""
+        samples = data.poses.samples
+        if data.touched is None or LANDMARK not in samples.labels:
+            raise SamplesError("samples without landmarks", "landmarks", where=data.kind)
+        labels = samples.labels[LANDMARK].astype(object)
+        row = int(rng.integers(len(labels)))
+        label = str(labels[row])
+        labels[row] = next(name for name in data.touched.landmarks if name != label)
+        effect = f"{labels[row]} is probably {label} in {samples.origin[row]}"
+        return SpoiltData(_with_labels(data, labels), effect=effect)
 
 
-def sentence_on(rows: tuple[WrongLabel, ...]) -> str:
+def _sentence(rows: Sequence[WrongLabel]) -> str:
     """Which names fit which rows."""
     by_names: dict[tuple[str, str], list[str]] = {}
     for row in rows:
@@ -75,13 +97,12 @@ def sentence_on(rows: tuple[WrongLabel, ...]) -> str:
     )
 
 
-def _wrong_in(errors: TermAccuracy, solution: Solution) -> Iterator[WrongLabel]:
-    term, block = errors.term, errors.blocks[0]
-    labels = term.poses.samples.labels.get(LANDMARK)
+def _wrong_in(term: Term, solution: Solution) -> Iterator[WrongLabel]:
+    labels, block = term.poses.samples.labels.get(LANDMARK), term.blocks[0]
     # Of a distance either end may be wrong.
-    if term.touched is None or labels is None or block.rows.shape[1] != 1 or not len(block.after):
+    if term.touched is None or labels is None or block.samples.shape[1] != 1 or not len(block):
         return
-    rows, error = block.rows[:, 0], block.after
+    rows, error = block.samples[:, 0], _errors(term, solution)
     typical = float(np.median(error))
     far = np.flatnonzero(error > FAR * max(typical, 1e-12))
     names = list(term.touched.landmarks)
@@ -100,10 +121,18 @@ def _renamed_errors(
     term: Term, solution: Solution, rows: IntArray, name: str, residuals: IntArray
 ) -> FloatArray:
     """Errors of some rows, all of them with the same name."""
-    samples = term.poses.samples
-    labels = samples.labels[LANDMARK].astype(object)
+    labels = term.poses.samples.labels[LANDMARK].astype(object)
     labels[rows] = name
-    changed = with_columns(term, labels={**samples.labels, LANDMARK: labels.astype(np.str_)})
+    return _errors(_with_labels(term, labels), solution)[residuals]
+
+
+def _with_labels(term: Term, labels: np.ndarray[tuple[int], np.dtype[np.object_]]) -> Term:
+    every = {**term.poses.samples.labels, LANDMARK: labels.astype(np.str_)}
+    return with_columns(term, labels=every)
+
+
+def _errors(term: Term, solution: Solution) -> FloatArray:
+    """Lengths of the first block's residuals, m or rad."""
     problem = solution.problem
-    first, *_ = TermErrors(changed, problem.names[: problem.arm_count])(solution.values)
-    return np.asarray(np.linalg.norm(first[residuals], axis=1))
+    first, *_ = TermErrors(term, problem.names[: problem.arm_count])(solution.values)
+    return np.asarray(np.linalg.norm(first, axis=1))
