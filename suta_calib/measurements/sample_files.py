@@ -131,10 +131,10 @@ def read_samples(
             number or an empty label, has a reading that looks like degrees or millimetres or is
             whole turns beyond its range, or only some of the files have orientations.
     """
-    paths = [Path(path) for path in ([paths] if isinstance(paths, str | Path) else paths)]
-    if not paths:
+    given = [Path(path) for path in ([paths] if isinstance(paths, str | Path) else paths)]
+    if not given:
         raise SamplesError("no files", "at least one samples file")
-    paths = _filled(paths)
+    paths = _filled(given)
     check_joint_names([joint.name for joint in joints], columns)
     tables = [read_csv_table(path) for path in paths]
     there = [n for n in columns.optional_labels if all(n in table.columns for table in tables)]
