@@ -38,6 +38,7 @@ from .model import Parameter as Parameter
 from .model import ParameterSet as ParameterSet
 from .model import Robot as Robot
 from .model import Selection as Selection
+from .model import TiltSensor as TiltSensor
 from .pose_calibration import HandEyeCalibration as HandEyeCalibration
 from .pose_calibration import PivotCalibration as PivotCalibration
 from .pose_calibration import Registration as Registration

@@ -13,6 +13,7 @@ import numpy as np
 from suta_calib.arrays import FloatArray
 from suta_calib.display import Displayable
 from suta_calib.errors import JobError, ParameterError, UrdfError, did_you_mean
+from suta_calib.geometry.numbers import rpy_from_rotation
 from suta_calib.inputs import UrdfFile
 from suta_calib.measurements import YamlSection
 from suta_calib.measurements.fields import (
@@ -32,6 +33,7 @@ from suta_calib.measurements.fields import (
     read_as,
     rows,
 )
+from suta_calib.measurements.fields import ROTATION as ROTATED
 from suta_calib.measurements.scale import GRADES
 from suta_calib.model.arm import ArmModel
 from suta_calib.model.cell import within
@@ -44,6 +46,7 @@ from suta_calib.model.parameters import (
     coupling_key,
 )
 from suta_calib.model.robot import Robot, chosen_chain
+from suta_calib.model.tilt import TiltSensor
 from suta_calib.terms.given_pose import POSE_KEYS, GivenPose
 from suta_calib.units import from_mm
 from suta_calib.words import seen_from
@@ -139,6 +142,39 @@ class TipOffset:
             return arm.at({name: moved[name].nominal for name in names})
         except ParameterError as problem:
             raise JobError.of(problem, self.file, self.line) from None
+
+
+TILT_KEYS: Final = Fields(
+    Field("link", TEXT, "The link that the sensor is on.", required=True),
+    Field(
+        "columns",
+        Value("three columns", YamlSection.texts),
+        "Columns of the samples with what it felt at rest along its own x, y and z, in any one "
+        "unit. A cell may be empty.",
+        required=True,
+    ),
+    replace(
+        ROTATED,
+        about="How it is turned in the link, as in a URDF. Without it, its turn about the "
+        "vertical is estimated. In either case its mean lean is taken as that of the model.",
+    ),
+)
+
+
+def _read_tilt_sensor(row: YamlSection) -> TiltSensor:
+    """A row of ``tilt_sensors``.
+
+    Raises:
+        InputError: a key that is unknown, missing or unusable.
+    """
+    values = TILT_KEYS.read(row)
+    columns = tuple(values["columns"])
+    if len({*columns}) != 3:
+        expected = "three columns: x, y, z"
+        raise row.refuse(f"{len({*columns})} columns", expected, at=("columns",))
+    turned = values.get("rotation")
+    rpy = None if turned is None else tuple(rpy_from_rotation(turned).tolist())
+    return TiltSensor(values["link"], columns, rpy)
 
 
 LOOP_KEYS: Final = Fields(
@@ -360,6 +396,13 @@ class ArmSpec(Displayable):
         (),
     )
     gravity: FloatArray | None = keyed(GRAVITY, "", None)
+    tilt_sensors: tuple[TiltSensor, ...] = keyed(
+        rows(_read_tilt_sensor, TILT_KEYS),
+        "Accelerometers on links that sink or bend: {link: base_link, columns: [base_ax, base_ay, "
+        "base_az]}. In each row the link is turned by what its sensor felt beyond the model, about "
+        "a point whose share of the way to the joints that it carries is estimated.",
+        (),
+    )
     grade: str = keyed(
         choice(GRADES, "certified, machined or printed"),
         "How the arm was made. It sets the tolerance of the dimensions that are not estimated, and "
@@ -377,6 +420,7 @@ class ArmSpec(Displayable):
         return (
             *(offset.selection(tip) for tip, offset in self.tips.items() if offset is not None),
             *([] if self.couplings is None else [self.couplings.selection]),
+            *(row for sensor in self.tilt_sensors for row in sensor.selections),
             *(row for name, robot in bases for row in robot.selections(name)),
         )
 
@@ -500,6 +544,15 @@ class ArmSpec(Displayable):
             arm = self.couplings.on(arm)
         if self.gravity is not None:
             arm = arm.with_gravity(self.gravity)
+        if self.tilt_sensors:
+            try:
+                arm = arm.with_tilt_sensors(self.tilt_sensors)
+            except UrdfError as problem:
+                if self.section is None:
+                    raise
+                raise self.section.refuse(
+                    problem.found, problem.expected, at=("tilt_sensors",), hint=problem.hint
+                ) from None
         return self.with_offsets(arm.of_grade(self.grade))
 
     def with_offsets(self, arm: _AnyMechanism) -> _AnyMechanism:

@@ -122,7 +122,8 @@ def csv_page() -> Iterator[str]:
         "`payload_x, payload_y, payload_z` (m, or in mm with `_mm`), the place of its centre in "
         "the frame of the tip (its origin without them); `stroke`, equal for rows of one file that "
         "the arm passed through in one stroke of a motion without stops: they share errors, and "
-        "the ± count them once. Each kind needs these columns in addition:\n\n"
+        "the ± count them once; the columns that `tilt_sensors` of the arm names. Each kind needs "
+        "these columns in addition:\n\n"
     )
     rows = (
         (f"[`{name}`](observations.md#{anchor(name)})", "; ".join(a for a, _ in column_rows(kind)))

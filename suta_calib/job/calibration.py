@@ -33,6 +33,7 @@ from suta_calib.plotting.scene import Scene
 from suta_calib.solver.options import SolverOptions
 from suta_calib.solver.problem import Problem
 from suta_calib.solver.robot_bases import with_bases_found
+from suta_calib.solver.sensor_mounts import with_sensors_mounted
 from suta_calib.solver.solution import Estimate, Solution
 from suta_calib.solver.solve import Progress, solve
 from suta_calib.terms import Term
@@ -117,7 +118,7 @@ class CalibrationJob(Displayable):
         observations = [read(row, fitted=True) for row in spec.observations]
         validation = [read(row) for row in spec.validation]
         terms = held_together(spec, observations, validation)
-        return cls(spec, arm, with_bases_found(terms[0], parameters), *terms)
+        return cls(spec, arm, _found_before(terms[0], parameters), *terms)
 
     @classmethod
     def of_terms(
@@ -163,7 +164,7 @@ class CalibrationJob(Displayable):
             tuple(map(row_of, held_out)),
         )
         terms = held_together(spec, fitted, held_out)
-        parameters = with_bases_found(terms[0], parameters)
+        parameters = _found_before(terms[0], parameters)
         return cls(spec, arm, parameters, *terms, chosen=options)
 
     @property
@@ -447,6 +448,11 @@ class Calibration(Displayable):
             if not row.seating and row.artefact in wide
         ]
         return notes
+
+
+def _found_before(terms: Sequence[Term], parameters: ParameterSet) -> ParameterSet:
+    """The unknowns, some of them about where they roughly are."""
+    return with_bases_found(terms, with_sensors_mounted(terms, parameters))
 
 
 def _spec_of(arm: ArmModel | Robot) -> ArmSpec:

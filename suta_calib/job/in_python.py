@@ -64,6 +64,7 @@ def unknowns_of(arm: AnyArm, free: Free) -> tuple[tuple[Selection, ...], Paramet
     rows, expected = list[Selection](), "names, globs, Selections or 'geometric'"
     if bases:
         rows.append(Selection(bases))
+    rows += [row for sensor in arm.tilt_sensors for row in sensor.selections]
     if not given:
         raise ParameterError("nothing to estimate", expected, where="calibrate: free")
     for row in given:

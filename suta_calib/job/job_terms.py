@@ -37,7 +37,8 @@ from suta_calib.words import seen_from
 
 def read_arm_samples(arm: ArmModel, files: Sequence[Path], kind: str) -> Samples:
     """Samples of an arm for one kind of observation."""
-    return read_samples(files, joint_ranges(arm), KINDS[kind].columns)
+    felt = [sensor.columns for sensor in arm.tilt_sensors]
+    return read_samples(files, joint_ranges(arm), KINDS[kind].columns, felt)
 
 
 def read_term(

@@ -35,6 +35,7 @@ from suta_calib.measurements.csv_table import (
     rotation_columns,
     rotations,
 )
+from suta_calib.measurements.felt import Three, accelerations, look_like_accelerometers
 from suta_calib.measurements.files import write_text
 from suta_calib.measurements.samples import STROKE, TEMPERATURES, Samples
 from suta_calib.units import FARTHEST
@@ -107,7 +108,10 @@ class SampleColumns(Displayable):
 
 @checked
 def read_samples(
-    paths: str | Path | Sequence[str | Path], joints: Sequence[JointRange], columns: SampleColumns
+    paths: str | Path | Sequence[str | Path],
+    joints: Sequence[JointRange],
+    columns: SampleColumns,
+    felt: Sequence[Three] = (),
 ) -> Samples:
     """Read one or more samples CSV files into one `Samples`.
 
@@ -121,6 +125,8 @@ def read_samples(
             with the same value of ``stroke`` err together (`Term.clusters`); without one, a row is
             by itself. A joint's
             readings may be in degrees or mm where its column says so: ``JOINT_deg``, ``JOINT_mm``.
+        felt: columns of accelerometers on links, x, y and z; a row may leave them empty. Columns
+            that look like another one, such as ``NAME_ax, NAME_ay, NAME_az``, are read too.
 
     Warns:
         SutaCalibWarning: quaternions that are more than 1 % away from unit length; readings of a
@@ -156,9 +162,18 @@ def read_samples(
     }
     warm = TEMPERATURE not in names and _everywhere(tables, TEMPERATURE)
     loaded = _payload_columns(tables, names)
+    taken = {*names, *(name for number in columns.numbers for name in number.names)}
+    taken |= {name for three in felt for name in three}
+    felt = [*felt, *look_like_accelerometers(tables, taken)]
     weighed = columns.position_sigma and _everywhere(tables, *position_sigma_columns())
     columns = replace(columns, position_sigma=weighed)
-    parts = [_samples(table, joints, columns, with_direction, warm, loaded) for table in tables]
+    parts = [
+        replace(
+            _samples(table, joints, columns, with_direction, warm, loaded),
+            felt={",".join(three): accelerations(table, three) for three in felt},
+        )
+        for table in tables
+    ]
     if STROKE not in names and any(STROKE in table.columns for table in tables):
         parts = [_with_strokes(p, t) for p, t in zip(parts, tables, strict=True)]
     for path, part in zip(paths, parts, strict=True):
@@ -524,6 +539,8 @@ def write_samples(path: Path, samples: Samples) -> None:
     if samples.payload is not None:
         loaded = (PAYLOAD, *(column.name for column in PAYLOAD_PLACE))
         columns += zip(loaded, samples.payload.T, strict=True)
+    for three, vectors in samples.felt.items():
+        columns += zip(three.split(","), vectors.T, strict=True)
     names = [name for name, _ in columns]
     if len(set(names)) < len(names):
         raise SamplesError(f"columns {', '.join(names)}", "each name only once", file=path)

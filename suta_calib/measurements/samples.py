@@ -53,6 +53,8 @@ class Samples(Displayable):
             None where nobody says.
         position_sigma: (n, 3) standard deviation of each coordinate of ``position``, m; None where
             nobody says.
+        felt: (n, 3) what accelerometers on links felt, in any unit, by their three columns, such as
+            ``base_ax,base_ay,base_az``; zeros where one has no reading.
     """
 
     joints: tuple[str, ...]
@@ -67,6 +69,7 @@ class Samples(Displayable):
     temperature: FloatArray | None = None
     position_sigma: FloatArray | None = None
     payload: FloatArray | None = None
+    felt: Mapping[str, FloatArray] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         if not self.origin:
@@ -106,6 +109,7 @@ class Samples(Displayable):
         position_sigma: ArrayLike | None = None,
         pixels: ArrayLike | None = None,
         payload: ArrayLike | None = None,
+        felt: Mapping[str, ArrayLike] | None = None,
     ) -> Samples:
         """Samples from copies of arrays, checked; shapes and units as the class's attributes.
 
@@ -140,6 +144,7 @@ class Samples(Displayable):
             if position_sigma is None
             else positive("position_sigma", position_sigma, (n, 3)),
             payload=None if payload is None else _payloads(payload, n),
+            felt={name: finite(name, v, (n, 3)) for name, v in (felt or {}).items()},
         )
 
     def scene(self, arm: Posable) -> Scene:
@@ -230,7 +235,7 @@ class Samples(Displayable):
         """
         kinds = {
             (
-                *(part.joints, frozenset(part.labels), frozenset(part.numbers)),
+                *(part.joints, *map(frozenset, (part.labels, part.numbers, part.felt))),
                 *(getattr(part, name) is None for name in _BY_ROW),
                 None if part.pixels is None else part.pixels.shape[1:],
             )
@@ -283,7 +288,7 @@ class Samples(Displayable):
             for name in _BY_ROW
             if getattr(first, name) is not None
         }
-        for columns in ("labels", "numbers"):
+        for columns in ("labels", "numbers", "felt"):
             arrays[columns] = {
                 name: _frozen(make([getattr(part, columns)[name] for part in parts]))
                 for name in getattr(first, columns)

@@ -10,4 +10,5 @@ from .parameters import Parameter as Parameter
 from .parameters import ParameterSet as ParameterSet
 from .parameters import Selection as Selection
 from .robot import Robot as Robot
+from .tilt import TiltSensor as TiltSensor
 from .urdf import write_urdf as write_urdf

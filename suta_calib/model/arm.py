@@ -19,7 +19,8 @@ from numpy.typing import ArrayLike
 from suta_calib import plotting
 from suta_calib.arrays import FloatArray
 from suta_calib.batched import Batched
-from suta_calib.errors import ParameterError, UrdfError
+from suta_calib.errors import ParameterError, UrdfError, did_you_mean
+from suta_calib.geometry.numbers import rotation_from_rpy
 from suta_calib.geometry.symbols import Symbol
 from suta_calib.inputs import XacroFile
 from suta_calib.model.bodies import ALONE, Bodies
@@ -50,6 +51,7 @@ from suta_calib.model.parameters import (
 )
 from suta_calib.model.segments import geometric_parameters, nongeometric_parameters, segment_of
 from suta_calib.model.skeleton import Skeleton
+from suta_calib.model.tilt import TiltedLink, TiltSensor, up_parameters
 from suta_calib.model.urdf import folded_origin
 from suta_calib.model.urdf_tree import read_tree
 from suta_calib.plotting.scene import Scene
@@ -94,6 +96,7 @@ class ArmModel(Mechanism):
         beside: parameters of the other chains of its `Robot`: nothing of this one depends on them.
         gravity: (3,) along the axes of the URDF's root link, m/s².
         hung: what hangs on its joints and moves with those of other chains of its `Robot`.
+        tilted: its links with a tilt sensor, base → tip.
     """
 
     def __init__(
@@ -107,6 +110,7 @@ class ArmModel(Mechanism):
         self.bodies = ALONE
         self.beside = ParameterSet()
         self.hung: tuple[HangingArm, ...] = ()
+        self.tilted: tuple[TiltedLink, ...] = ()
         # A fixed joint that carries the tip is known by the tip's name, all others by their own.
         tip = {**tips, **tip_owner(chain)}
         columns = {joint.name: k for k, joint in enumerate(chain.moving)}
@@ -199,6 +203,127 @@ class ArmModel(Mechanism):
         arm = self._renewed()
         arm.gravity = down / size * float(np.linalg.norm(self.gravity))
         return arm
+
+    def with_tilt_sensors(
+        self, sensors: Sequence[TiltSensor], reaches: Mapping[str, FloatArray] | None = None
+    ) -> ArmModel:
+        """The same arm, whose links lean by what accelerometers on them felt (`model.tilt`).
+
+        Args:
+            sensors: at most one for each link.
+            reaches: (3,) from a link's origin to the joints that it carries, m, by its name; by
+                default to the next joint of the chain that moves.
+
+        Raises:
+            UrdfError: a link that the chain does not have, that has two, or that is between another
+                tip, where the chain begins, and the link above both.
+        """
+        found = dict[str, TiltSensor]()
+        for sensor in sensors:
+            problem = ""
+            if sensor.link not in self.links:
+                expected = f"a link of the chain: {', '.join(self.links)}"
+            elif sensor.link in found:
+                problem, expected = f"two tilt sensors on {sensor.link}", "one of them"
+            else:
+                found[sensor.link] = sensor
+                climbs = any(joint.climbed for joint in self.chain.joints)
+                if not climbs or sensor.link == self.chain.top:
+                    continue
+                problem = f"a tilt sensor on {sensor.link}, in a chain that begins at another tip"
+                expected = "a sensor on a link below both: only there is up a fixed direction"
+            raise UrdfError(
+                problem or f"a tilt sensor on the link '{sensor.link}'",
+                expected,
+                file=self.chain.path,
+                where="tilt_sensors",
+                hint="" if problem else did_you_mean(sensor.link, self.links),
+            )
+        arm, given = self._renewed(), reaches or {}
+        # What leans the link above both ends of a chain leans both alike.
+        leaning = [
+            link for link in self.links if link in found and not self.chain.joints[0].climbed
+        ]
+        arm.tilted = tuple(
+            TiltedLink(
+                found[link],
+                self.links[link],
+                given[link] if link in given else self.carried_by(link)[1],
+                self.up @ self.link_rotations(link, np.zeros((1, len(self.joints))))[0],
+                3 * k,
+            )
+            for k, link in enumerate(leaning)
+        )
+        more = [p for tilted in arm.tilted for p in tilted.sensor.parameters]
+        more += up_parameters() if arm.tilted else ()
+        arm.nongeometric = ParameterSet([*self.nongeometric.values(), *more])
+        return arm
+
+    @property
+    def links(self) -> dict[str, str]:
+        """Links of the chain, base → tip, each with the owner of the segment that leads to it."""
+        links = {self.chain.base: ""}
+        for joint, segment in zip(self.chain.joints, self.segments, strict=True):
+            links[joint.parent if joint.climbed else joint.child] = segment.owner
+        return links
+
+    @property
+    def root_axes(self) -> FloatArray:
+        """(3, 3) rotation of the link above base and tip in the URDF's root link."""
+        # Nothing between the two moves with the chain.
+        top = self.model.frames[self.model.getFrameId(self.chain.top, pin.FrameType.BODY)]
+        return np.asarray(top.placement.rotation)
+
+    @property
+    def down(self) -> FloatArray:
+        """(3,) gravity along the axes of the link above base and tip, m/s²."""
+        return np.asarray(self.root_axes.T @ self.gravity)
+
+    @property
+    def up(self) -> FloatArray:
+        """(3,) of unit length, the other way."""
+        return -self.down / np.linalg.norm(self.down)
+
+    def link_rotations(
+        self, link: str, q: FloatArray, values: Mapping[str, float] = MappingProxyType({})
+    ) -> FloatArray:
+        """Orientations (n, 3, 3) of a link in the base, if nothing yields or leans.
+
+        Args:
+            link: of the chain, which does not climb.
+            q: (n, joints) readings.
+            values: of parameters by name; nominal where not given.
+        """
+        passed = [*self.links].index(link)
+        stiff = (p for p in self.offered.values() if p.key not in (COMPLIANCE, *BENDING))
+        nominal = {p.name: p.nominal for p in stiff} | dict(values)
+        function = forward_kinematics(
+            self.segments[:passed],
+            [],
+            nominal,
+            width=len(self.joints),
+            loops=self.closed,
+        ).map(len(q))
+        flat = function(np.zeros(0), q.T)[0]
+        return np.swapaxes(np.array(flat).T.reshape(-1, 3, 3), 1, 2)
+
+    def carried_by(self, link: str) -> tuple[str, FloatArray]:
+        """The next moving joint that a link of the chain carries, and where (3,) in its frame, m.
+
+        The tip's name and place where there is none.
+        """
+        rotation, position = np.eye(3), np.zeros(3)
+        for joint in self.chain.joints[[*self.links].index(link) :]:
+            position = position + rotation @ joint.xyz
+            if joint.moving:
+                return joint.name, position
+            rotation = rotation @ rotation_from_rpy(joint.rpy)
+        return self.chain.tip, position
+
+    @property
+    def tilt_sensors(self) -> tuple[TiltSensor, ...]:
+        """Of `tilted`."""
+        return tuple(link.sensor for link in self.tilted)
 
     def with_tip_moved(self, by: ArrayLike) -> ArmModel:
         """The same arm with another tip on the same link, such as the end of a probe.
@@ -482,7 +607,8 @@ class ArmModel(Mechanism):
                 (n, joints) of each reading's last motion, -1, 0 or 1 (without it a joint with
                 backlash is in the middle of its play); the ``warmth`` (n, 1), K above 20 °C
                 (without it nothing has grown); the ``payload`` (n, 4), kg and its centre in the
-                frame of the tip, m (without it the tip carries nothing).
+                frame of the tip, m (without it the tip carries nothing); the ``tilt`` (n, 3 for
+                each of `tilted`), unit vectors that sensors felt (without it no link leans).
 
         Returns:
             Rotations (n, 3, 3) and positions (n, 3), m; without n for a single reading.
@@ -569,12 +695,10 @@ def _kinematics(
     """`forward_kinematics` of this arm."""
     arm.check_masses(names)
     nominal = {p.name: p.nominal for p in (*arm.beside.values(), *arm.offered.values())}
-    # Nothing between the root and this link moves with the chain.
-    top = arm.model.frames[arm.model.getFrameId(arm.chain.top, pin.FrameType.BODY)].placement
-    gravity = top.rotation.T @ arm.gravity
     width = len(arm.readings)
-    chain = arm.segments, names, nominal, arm.loads, gravity, conditions, rows, width
-    return _kinematics_of(pickle.dumps((*chain, arm.closed, arm.hung)))
+    chain = arm.segments, names, nominal, arm.loads, arm.down, conditions, rows, width
+    leaning = arm.tilted, arm.root_axes
+    return _kinematics_of(pickle.dumps((*chain, arm.closed, arm.hung, *leaning)))
 
 
 # A URDF is read again by every job over it, and its kinematics would be composed again.

@@ -67,10 +67,11 @@ from suta_calib.model.parameters import (
     ROTATION,
     coupling_key,
 )
+from suta_calib.model.tilt import MOUNT, SHARE, TURN, UP, TiltedLink
 
 Motion = Literal["revolute", "prismatic", "fixed"]
-# From which side joints came, how warm the arm was, and what its tip carried.
-Condition = Literal["direction", "warmth", "payload"]
+# From which side joints came, how warm the arm was, what its tip carried, and how links leaned.
+Condition = Literal["direction", "warmth", "payload", "tilt"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -209,6 +210,11 @@ class _Walk:
         # middle of its play, and an arm at the temperature of its drawing.
         self.direction: Symbol | None = None
         self.warmth: Symbol | None = None
+        # What sensors on links felt: links lean, by the owner of the segment that leads to them.
+        self.felt: Symbol | None = None
+        self.up: Symbol | None = None
+        self.root_axes = ca.DM.eye(3)
+        self.tilted: Mapping[str, TiltedLink] = {}
         self.frames: list[MovingFrame] = []
         # Of the link above base and tip in the base: the frame in which climbing has ended.
         self.top: Symbol = self.rotation
@@ -252,7 +258,42 @@ class _Walk:
                 self._turn(segment)
                 self._bend(segment)
                 self._move(segment, q)
+            if segment.owner in self.tilted:
+                self.lean(self.tilted[segment.owner])
         return self
+
+    def lean(self, link: TiltedLink) -> None:
+        """Turn a link by what its sensor felt beyond the model (`model.tilt`)."""
+        if self.felt is None:
+            return
+        sensor, reach = link.sensor, ca.DM(_snapped(link.reach))
+        (share, turn), mount = sensor.names(SHARE, TURN), sensor.names(*MOUNT)
+        mounted, mount_axes = _turned()(ca.vertcat(*map(self.value, mount)))
+        upright = ca.DM(_snapped(link.upright))
+        turning, along = _spun()(ca.SX.eye(3), upright, self.value(turn))
+        in_link = turning @ mounted @ self.felt[link.column : link.column + 3]
+        shown = self.rotation @ in_link
+        lean = self.root_axes.T @ ca.vertcat(*map(self.value, UP))
+        turned, by_shown, by_lean = _leaned()(shown, self.up, lean)
+        point = self.position + self.value(share) * (self.rotation @ reach)
+        taken_back = dict[int, int]()
+        # What turns the model's link turns what was felt with it, and so is taken back.
+        for k, (way, at) in enumerate([*self.ways]):
+            if at is not None:
+                taken_back[k] = len(self.ways)
+                back = by_shown @ ca.cross(way, shown) + turned @ way - way
+                self.ways.append((back, point))
+        for column in self.columns.values():
+            column += [(taken_back[k], much) for k, much in column if k in taken_back]
+        for k, name in enumerate(UP):
+            self.note({name: None}, by_lean @ self.root_axes.T[:, k], point)
+        axes = ca.horzcat(along, turning @ mount_axes)
+        for k, name in enumerate((turn, *mount)):
+            moved = self.rotation @ ca.cross(axes[:, k], in_link)
+            self.note({name: None}, by_shown @ moved, point)
+        drawn, self.rotation = self.rotation, turned @ self.rotation
+        self.note({share: None}, (drawn - self.rotation) @ reach)
+        self.position = point - self.value(share) * (self.rotation @ reach)
 
     def _shift(self, segment: Segment) -> None:
         names, nominal = segment.names(*POSITION), _snapped(segment.rotation)
@@ -435,6 +476,8 @@ def forward_kinematics(
     width: int = 0,
     loops: Sequence[ClosedLoop] = (),
     hung: Sequence[HangingArm] = (),
+    tilted: Sequence[TiltedLink] = (),
+    root_axes: FloatArray | None = None,
 ) -> Symbol:
     """The chain's kinematics as a CasADi function of the named parameters and one sample.
 
@@ -451,12 +494,16 @@ def forward_kinematics(
             default.
         loops: closed loops that move passive joints, in the order in which they are solved.
         hung: what hangs on the chain's joints and moves with readings of other chains.
+        tilted: links whose lean was measured, where it is told.
+        root_axes: (3, 3) rotation of the base in the root link, about whose axes "up" leans; the
+            base itself by default.
 
     Returns:
         ``ca.Function(theta (n), q (readings)) -> (rotation (9, column by column), position (3),
         jacobian (rows, 6))``, all dense, in the base frame. What is told are further inputs, in
         the order of ``conditions``: ``direction (readings)``; ``warmth (1)``, K; ``payload (4)``,
-        the mass, kg, that the tip carries and its centre in the tip's frame, m. A row of the
+        the mass, kg, that the tip carries and its centre in the tip's frame, m; ``tilt (3 for each
+        of the tilted links)``, unit vectors, or zeros where nothing was felt. A row of the
         Jacobian is the velocity of the tip's origin, then the angular velocity, for unit change of
         that parameter.
     """
@@ -465,7 +512,10 @@ def forward_kinematics(
     q = ca.SX.sym("q", max(width, 1 + max((s.column for s in moving), default=-1)))
     walk = _Walk(names, theta, nominal, rows)
     inputs = {"theta": theta, "q": q}
-    sizes: dict[Condition, int] = {"direction": q.numel(), "warmth": 1, "payload": 4}
+    sizes: dict[Condition, int] = {
+        **{"direction": q.numel(), "warmth": 1, "payload": 4},
+        "tilt": 3 * len(tilted),
+    }
     for name in conditions:
         inputs[name] = ca.SX.sym(name, sizes[name])
     yielding = (n for s in moving for n in s.names(COMPLIANCE, *BENDING))
@@ -491,8 +541,14 @@ def forward_kinematics(
         down = still.top @ ca.DM(gravity)
         walk.torques = gravity_torques(still.frames, pulled, down, at_tip, moved)
     walk.direction, walk.warmth = inputs.get("direction"), inputs.get("warmth")
+    if tilted and gravity is not None:
+        walk.felt, walk.up = inputs.get("tilt"), ca.DM(-gravity / np.linalg.norm(gravity))
+        walk.root_axes = ca.DM.eye(3) if root_axes is None else ca.DM(_snapped(root_axes))
+        walk.tilted = {link.behind: link for link in tilted}
     for loop in loops:
         _close(loop, walk, q)
+    if "" in walk.tilted:
+        walk.lean(walk.tilted[""])
     walk.along(segments, q)
     outputs = [ca.vec(walk.rotation), walk.position, walk.jacobian().T]
     return ca.Function(
@@ -628,6 +684,26 @@ def _spun() -> Symbol:
     outer = axis @ axis.T
     spin = ca.cos(angle) * (ca.SX.eye(3) - outer) + ca.sin(angle) * ca.skew(axis) + outer
     return ca.Function("spun", [rotation, axis, angle], [rotation @ spin, rotation @ axis])
+
+
+@cache
+def _leaned() -> Symbol:
+    """CasADi function (R S a (3), up (3), lean of it (3)) → T (3, 3) of `model.tilt`.
+
+    And its turn per change of what was felt, and of the lean, (3, 3). Where nothing was felt, T
+    does nothing.
+    """
+    shown, up, lean = (ca.SX.sym(name, 3) for name in ("w", "u", "lean"))
+    leaning = symbolic_rotation(lean) @ up
+    spin = ca.skew(ca.cross(shown, leaning))
+    least = ca.SX.eye(3) + spin + spin @ spin / (1 + ca.dot(shown, leaning))
+
+    def turns(inputs: Symbol) -> Symbol:
+        derivative = ca.jacobian(ca.vec(least), inputs)
+        spins = [ca.reshape(derivative[:, k], 3, 3) @ least.T for k in range(inputs.numel())]
+        return ca.horzcat(*(ca.vertcat(s[2, 1], s[0, 2], s[1, 0]) for s in spins))
+
+    return ca.Function("leaned", [shown, up, lean], [least, turns(shown), turns(lean)])
 
 
 @cache

@@ -58,7 +58,11 @@ FAMILIES: Final[dict[Family, tuple[str, ...]]] = {
 }
 ECCENTRICITY: Final = (*FAMILIES["ecc_1"], *FAMILIES["ecc_2"])
 # How these keys begin: globs reach them only where they say so.
-_NONGEOMETRIC: Final = ("ecc", COMPLIANCE, MASS, GAIN, BACKLASH, EXPANSION, COUPLING)
+_NONGEOMETRIC: Final = (
+    *("ecc", COMPLIANCE, MASS, GAIN, BACKLASH, EXPANSION, COUPLING),
+    # Of a link with a tilt sensor (`model.tilt`).
+    *("share", "turn", "mount", "up_"),
+)
 # Lengths and angles of the size that moves the tip of a metre-long arm by a centimetre, and what
 # yields as much to the torque of a few kilograms, or grows as much in ten degrees; a tenth of such
 # a mass; a pixel; a share of a turn, or what bends a picture, by as much.
@@ -177,14 +181,13 @@ class Parameter:
     ) -> Parameter:
         """The same parameter with ``nominal ± bound`` and a prior standard deviation."""
         half = math.inf if bound is None else bound
-        # No mass is below zero, and how far off it may be is a share of it.
-        weighs = self.unit == "kg"
-        least = 0.0 if weighs else -math.inf
-        stays = bound is None and (weighs or is_base(self.owner))
+        # What cannot be beyond some value, as no mass is below zero, says how far off it may be.
+        limited = math.isfinite(self.lower) or math.isfinite(self.upper)
+        stays = bound is None and (limited or is_base(self.owner))
         return replace(
             self,
-            lower=max(self.nominal - half, least),
-            upper=self.nominal + half,
+            lower=max(self.nominal - half, self.lower),
+            upper=min(self.nominal + half, self.upper),
             prior=prior,
             plausible=self.plausible if stays else math.nan,
             free=True,

@@ -7,8 +7,10 @@ from functools import cached_property, lru_cache
 from pathlib import Path
 from typing import final
 
+import numpy as np
 from numpy.typing import ArrayLike
 
+from suta_calib.arrays import FloatArray
 from suta_calib.errors import ParameterError, UrdfError, close_words, did_you_mean
 from suta_calib.inputs import XacroFile
 from suta_calib.model.arm import ArmModel, tip_owner
@@ -20,6 +22,7 @@ from suta_calib.model.kinematics import Segment
 from suta_calib.model.loop import Loop, with_loops
 from suta_calib.model.mechanism import Mechanism, Origins, union
 from suta_calib.model.parameters import MASS, ParameterSet, base_owner, is_base
+from suta_calib.model.tilt import TiltSensor
 from suta_calib.model.urdf import urdf_bytes
 from suta_calib.model.urdf_tree import UrdfTree, read_tree
 
@@ -283,6 +286,36 @@ class Robot(Mechanism):
         """The same robot, mounted so that gravity points in this direction (as of `ArmModel`)."""
         made = {name: arm.with_gravity(direction) for name, arm in self.chains.items()}
         return Robot(made, self._tree, self._loops)
+
+    def with_tilt_sensors(self, sensors: Sequence[TiltSensor]) -> Robot:
+        """The same robot, whose links lean by what accelerometers on them felt (`model.tilt`).
+
+        Call it once all chains are there: a link leans about one point, whichever of them it
+        carries.
+
+        Args:
+            sensors: at most one for each link.
+
+        Raises:
+            UrdfError: a link of no chain, and what `ArmModel.with_tilt_sensors` refuses.
+        """
+        on = {name: [s for s in sensors if s.link in c.links] for name, c in self.chains.items()}
+        reaches = dict[str, FloatArray]()
+        for sensor in sensors:
+            carried = [c.carried_by(sensor.link) for n, c in self.chains.items() if sensor in on[n]]
+            if carried:
+                reaches[sensor.link] = np.mean([*dict(carried).values()], axis=0)
+            else:
+                # Some chain says which links there are.
+                next(iter(self.chains.values())).with_tilt_sensors([sensor])
+        made = {n: arm.with_tilt_sensors(on[n], reaches) for n, arm in self.chains.items()}
+        return Robot(made, self._tree, self._loops)
+
+    @property
+    def tilt_sensors(self) -> tuple[TiltSensor, ...]:
+        """Of all chains, each once."""
+        every = (sensor for arm in self.chains.values() for sensor in arm.tilt_sensors)
+        return tuple(dict.fromkeys(every))
 
     def check_masses(self, names: Iterable[str]) -> None:
         """As of `ArmModel`, by every chain that has the joint."""

@@ -254,7 +254,7 @@ class TermErrors:
         self._blocks = [(block.relative, _BlockResiduals(block)) for block in term.blocks]
         self._names, self._batch, source = tuple(names), None, term.poses
         if isinstance(source, ArmPoses):
-            samples, conditions = source.samples, source.samples.conditions
+            samples, conditions = source.samples, source.conditions
             self._batch = Batched(source.arm.function(names, conditions, 0), len(samples), [0])
             self._q = samples.q
             for place, numbers in zip(self._batch.inputs[2:], conditions.values(), strict=True):

@@ -68,7 +68,7 @@ class PoseTable:
             rows = slice(int(first), int(first) + size)
             batch = None
             if isinstance(source, ArmPoses):
-                conditions = source.samples.conditions
+                conditions = source.conditions
                 # Straight into the table: copying its velocities would take as long as they do.
                 velocity = self.velocity.reshape(n, 6 * len(names))
                 table = [array[rows] for array in (self.rotation, self.position, velocity)]

@@ -164,7 +164,7 @@ def _poses(problem: Problem, x: Symbol) -> tuple[Symbol, Symbol]:
     for term in problem.terms:
         source = term.poses
         if isinstance(source, ArmPoses):
-            conditions = source.samples.conditions
+            conditions = source.conditions
             mapped = source.arm.function(names, conditions).map(len(source))
             inputs = [ca.DM(array.T) for array in (source.samples.q, *conditions.values())]
             pose = mapped(x[: problem.arm_count], *inputs)

@@ -25,6 +25,7 @@ from suta_calib.measurements import SampleColumns, Samples
 from suta_calib.measurements.samples import numbers_of, positive
 from suta_calib.terms.given_pose import GivenPose
 from suta_calib.terms.poses import ArmPoses
+from suta_calib.words import listed
 
 if TYPE_CHECKING:
     from suta_calib.model.arm import ArmModel
@@ -83,6 +84,10 @@ def columns_of(kind: SampleColumns) -> dict[str, ArrayColumn]:
         "payload": ArrayColumn(
             "(n,) in kg, or (n, 4): kg and x, y, z in m",
             about="What the tip carries, and where in its frame.",
+        ),
+        "felt": ArrayColumn(
+            "by link: (n, 3), zeros where there is no reading",
+            about="What the tilt sensor of a link felt at rest, in any unit: it points up.",
         ),
         "origin": ArrayColumn("(n,) names of the rows, for messages"),
     }
@@ -218,7 +223,19 @@ def _samples(kind: SampleColumns, arm: ArmModel, q: ArrayLike, given: Mapping[st
         position_sigma=None if sigma is None else _spread("position_sigma", sigma, (n, 3)),
         pixels=given.get("pixels"),
         payload=None if load is None else _loads(load, n),
+        felt=_felt(arm, given.get("felt") or {}),
     )
+
+
+def _felt(arm: ArmModel, given: Any) -> dict[str, ArrayLike]:
+    """What sensors felt, by their columns."""
+    by_link = {sensor.link: sensor.felt for sensor in arm.tilt_sensors}
+    if not isinstance(given, Mapping) or not {*given} <= {*by_link}:
+        found = listed([*given]) if isinstance(given, Mapping) else _shown(given)
+        expected = f"readings by link: {', '.join(by_link) or 'the arm has no tilt sensors'}"
+        hint = "" if by_link else "arm.with_tilt_sensors([TiltSensor(link)]) says which it has"
+        raise SamplesError(found, expected, where="felt", hint=hint)
+    return {by_link[link]: vectors for link, vectors in given.items()}
 
 
 def _loads(values: ArrayLike, n: int) -> FloatArray:

@@ -19,6 +19,7 @@ from scipy.spatial import KDTree
 
 from suta_calib.arrays import FloatArray, IntArray
 from suta_calib.errors import SamplesError
+from suta_calib.measurements.felt import rows_not_used, up_felt
 from suta_calib.measurements.sample_files import JointRange, check_readings
 from suta_calib.measurements.samples import Samples
 from suta_calib.model.bodies import ALONE, Bodies
@@ -28,6 +29,7 @@ from suta_calib.units import mm
 
 if TYPE_CHECKING:
     from suta_calib.model.arm import ArmModel
+    from suta_calib.model.kinematics import Condition
 
 # How far readings of an arm at rest wander, rad or m: 0.03 mm at a metre's reach. No plug is seated
 # again so exactly.
@@ -146,6 +148,12 @@ class ArmPoses(PoseSource):
         # Readings that are looked at to learn how far the tip reaches: an average needs no more.
         self._levers = _Levers(arm, samples.q[:: 1 + len(samples) // 50])
         self._standing = _Standing(samples.q, loads=samples.payload)
+        # What most rows felt tells which of them were at rest.
+        self._up_felt = {
+            sensor.felt: up_felt(samples.felt[sensor.felt])
+            for sensor in arm.tilt_sensors
+            if sensor.felt in samples.felt
+        }
 
     @property
     def reach(self) -> float:
@@ -171,7 +179,30 @@ class ArmPoses(PoseSource):
 
     def at(self, values: Mapping[str, float]) -> tuple[FloatArray, FloatArray]:
         """Forward kinematics of the samples."""
-        return self.arm.forward(self.samples.q, values, self.samples.conditions)
+        return self.arm.forward(self.samples.q, values, self.conditions)
+
+    @cached_property
+    def conditions(self) -> Mapping[Condition, FloatArray]:
+        """What is said of the arm beside its readings, as its kinematics take it."""
+        felt, sensors = self.samples.felt, self.arm.tilt_sensors
+        told: dict[Condition, FloatArray] = {}
+        for name, numbers in self.samples.conditions.items():
+            told[name] = numbers
+        if any(sensor.felt in felt for sensor in sensors):
+            nothing = np.zeros((len(self), 3))
+            told["tilt"] = np.hstack([self._up_felt.get(s.felt, nothing) for s in sensors])
+        return told
+
+    @property
+    def felt_doubts(self) -> tuple[str, ...]:
+        """Of tilt sensors, rows that are not used."""
+        nothing, origin = np.zeros((len(self), 3)), self.samples.origin
+        return tuple(
+            sentence
+            for sensor in self.arm.tilt_sensors
+            for felt in [self.samples.felt.get(sensor.felt, nothing)]
+            for sentence in rows_not_used(f"the tilt sensor of {sensor.link}", felt, origin)
+        )
 
     def with_samples(self, samples: Samples) -> ArmPoses:
         """The same arm's poses at the samples' readings."""
@@ -183,6 +214,8 @@ class ArmPoses(PoseSource):
         taken = object.__new__(ArmPoses)
         taken.arm, taken.bodies, taken.samples = self.arm, self.bodies, self.samples.take(rows)
         taken._levers, taken._standing = self._levers, self._standing.take(rows)
+        chosen = np.asarray(rows)
+        taken._up_felt = {name: up[chosen] for name, up in self._up_felt.items()}
         return taken
 
 

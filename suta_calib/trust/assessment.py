@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping, Sequence
 
 from suta_calib.assessment import Assessment, Level, attempt, judge
 from suta_calib.solver.solution import Solution
-from suta_calib.terms import Term
+from suta_calib.terms import ArmPoses, Term
 from suta_calib.trust.accuracy import Accuracy
 from suta_calib.trust.calibration_examination import CalibrationExamination
 from suta_calib.trust.contradictions import gross_rows
@@ -95,7 +95,11 @@ def assess_solution(solution: Solution) -> Assessment:
 
 
 def _doubts(terms: Sequence[Term]) -> Iterable[tuple[str, Level]]:
-    return [doubt for term in terms for doubt in term.doubts.items()]
+    of_arms = (term.poses for term in terms if isinstance(term.poses, ArmPoses))
+    return [
+        *(doubt for term in terms for doubt in term.doubts.items()),
+        *((doubt, "care") for poses in of_arms for doubt in poses.felt_doubts),
+    ]
 
 
 def _not_converged(

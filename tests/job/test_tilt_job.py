@@ -1,0 +1,107 @@
+"""Tilt sensors in a job: the answer comes back, and what is wrong with them is told."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from suta_calib.errors import InputError
+from suta_calib.geometry.numbers import rotation_from_vector
+from suta_calib.job import CalibrationJob
+from suta_calib.job.calibration import Calibration
+from tests.support.column_robot import GROUND, STATION, Measured, built, measured, written
+
+NOISE = 2e-4
+
+
+@pytest.fixture(scope="module")
+def sets() -> dict[str, Measured]:
+    rng = np.random.default_rng(0)
+    values = built(rng)
+    one = measured(rng, 150, values, noise=NOISE)
+    other = measured(rng, 60, values, noise=NOISE, station=STATION + np.array([1.0, 2.0, 0.1]))
+    return {"one": one, "other": other}
+
+
+@pytest.fixture(scope="module")
+def result(sets: dict[str, Measured], tmp_path_factory: pytest.TempPathFactory) -> Calibration:
+    return CalibrationJob.load(written(tmp_path_factory.mktemp("tilt"), sets)).run()
+
+
+def test_a_robot_that_sinks_is_as_good_as_its_instruments(result: Calibration) -> None:
+    errors = result.metrics["validation"]["after"]
+    # The noise of three coordinates, and that of two sensors at the end of some two metres.
+    assert errors.rms < 1.5 * np.sqrt(3 * NOISE**2 + 2 * (2.5 * 1e-4) ** 2)
+    estimates = result.estimates
+    for link, share in (("base_link", GROUND.base_share), ("column", GROUND.column_share)):
+        found = estimates[f"tilt[{link}].share"]
+        assert found.std is not None
+        assert found.std < 0.1
+        assert abs(found.value - share) < 4 * found.std
+
+
+def test_without_its_sensors_it_is_not(sets: dict[str, Measured], tmp_path: Path) -> None:
+    plain = CalibrationJob.load(written(tmp_path, sets, sensors=False)).run()
+    assert plain.metrics["validation"]["after"].rms > 3e-3
+
+
+def changed(path: Path, name: str, old: str, new: str) -> Path:
+    file = path.parent / name
+    file.write_text(file.read_text().replace(old, new))
+    return path
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("link: column", "link: colum", r"tilt sensor on the link 'colum'.*did you mean 'column'"),
+        ("link: column", "link: base_link", "two tilt sensors on base_link"),
+        ("column_ax, ", "", "2 columns"),
+        ("column_ax, ", "column_bx, ", r"column_bx"),
+        ("column_ax, ", "swing.ax, column_ax, ", "4 columns"),
+    ],
+)
+def test_refused(
+    sets: dict[str, Measured], tmp_path: Path, old: str, new: str, message: str
+) -> None:
+    path = changed(written(tmp_path, sets), "calibration.yaml", old, new)
+    with pytest.raises(InputError, match=message):
+        CalibrationJob.load(path)
+
+
+def test_rows_without_a_reading_and_in_motion_are_told(
+    sets: dict[str, Measured], tmp_path: Path
+) -> None:
+    path = written(tmp_path, sets)
+    file = tmp_path / "one.csv"
+    lines = file.read_text().splitlines()
+    header = lines[0].split(",")
+    at = header.index("base_link_ax")
+    for row, factor in ((1, None), (2, 1.3), (3, 1 / 9.81)):
+        cells = lines[row].split(",")
+        cells[at : at + 3] = [
+            "" if factor is None else repr(factor * float(c)) for c in cells[at : at + 3]
+        ]
+        lines[row] = ",".join(cells)
+    file.write_text("\n".join(lines) + "\n")
+    (term,) = CalibrationJob.load(path).observations
+    missing, moved = term.poses.felt_doubts  # type: ignore[attr-defined]
+    assert missing.startswith("1 of 150 rows")
+    assert "no reading of the tilt sensor of base_link" in missing
+    assert moved.startswith("In 2 of 150 rows")
+    assert "1.3 times as much" in moved
+    assert not term.poses.conditions["tilt"][:3, :3].any()  # type: ignore[attr-defined]
+
+
+def test_a_sensor_that_hangs_upside_down(sets: dict[str, Measured], tmp_path: Path) -> None:
+    turned = rotation_from_vector([np.pi, 0.0, 0.0])
+    felt = {**sets["one"].felt, "base_link": sets["one"].felt["base_link"] @ turned}
+    data = Measured(sets["one"].q, felt, sets["one"].position, sets["one"].lean)
+    job = CalibrationJob.load(written(tmp_path, {"one": data}))
+    result = job.problem().start()
+    assert np.isfinite(result).all()
+    mount = [p.nominal for n, p in job.parameters.items() if n.startswith("tilt[base_link].mount")]
+    up = rotation_from_vector(mount) @ felt["base_link"].mean(axis=0) / 9.81
+    assert up[2] > 0.99
