@@ -50,13 +50,8 @@ class Clock:
         """
         if not np.isfinite(stamps).all():
             raise ForeignFileError("a time that is no number", "a time in each row", file=path)
-        remarks, notes = list[str](), list[str]()
-        size = float(np.median(np.abs(stamps)))
-        for least, unit, per_second in _SINCE_1970:
-            if size > least:
-                stamps = stamps / per_second
-                remarks.append(f"Times were read as {unit} since 1970.")
-                break
+        stamps, remark = cls.in_seconds(stamps)
+        notes = list[str]()
         steps = np.diff(stamps)
         if (steps < 0).any():
             row = int(np.argmax(steps < 0)) + 1
@@ -89,9 +84,18 @@ class Clock:
         if len(gaps):
             notes.append(
                 f"{path.name} has {len(gaps)} {'gap' if len(gaps) == 1 else 'gaps'} of up to "
-                f"{gaps.max():.3g} s. Nothing is interpolated there."
+                f"{gaps.max():.3g} s, of which nothing is known."
             )
-        return cls(time, rows, step, tuple(notes), tuple(remarks))
+        return cls(time, rows, step, tuple(notes), (remark,) if remark else ())
+
+    @staticmethod
+    def in_seconds(stamps: FloatArray) -> tuple[FloatArray, str]:
+        """Stamps (n,) in s, and a sentence if they were in another unit since 1970."""
+        size = float(np.median(np.abs(stamps)))
+        for least, unit, per_second in _SINCE_1970:
+            if size > least:
+                return stamps / per_second, f"Times were read as {unit} since 1970."
+        return stamps, ""
 
     @property
     def gaps(self) -> BoolArray:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
@@ -36,12 +36,22 @@ class RecordedPicture:
 class Rest:
     """A time in which the arm rested: from ``begin`` to ``end``, s, all of which was averaged.
 
-    The mean readings are angles (n,), rad.
+    The mean readings are angles (n,), rad; one reading scatters by std (n,), rad.
     """
 
     angles: FloatArray
     begin: float
     end: float
+    std: FloatArray
+
+
+def shortest_rest(given: Given) -> float:
+    """How long a rest is at least, s, by `SECONDS`."""
+    seconds = number_in(given.text(SECONDS, "1"))
+    longest = 3600.0
+    if not 0.0 < seconds < longest:
+        raise given.refuse(SECONDS, repr(given.text(SECONDS)), "a number of seconds above 0")
+    return seconds
 
 
 def found_rests(
@@ -52,17 +62,15 @@ def found_rests(
     Times (n,), s, may be in any order; angles are (n, joints), rad; `SECONDS` says how long a rest
     is at least.
     """
-    seconds = number_in(given.text(SECONDS, "1"))
-    longest = 3600.0
-    if not 0.0 < seconds < longest:
-        raise given.refuse(SECONDS, repr(given.text(SECONDS)), "a number of seconds above 0")
+    seconds = shortest_rest(given)
     finder, rests = StopFinder(joints, seconds), list[Rest]()
     fine = np.zeros(len(joints), dtype=np.bool_)
     for k, row in enumerate(np.argsort(time, kind="stable")):
         at = float(time[row])
         for event in finder.feed([Reading(k, at, angles[row], fine, fine, at)]):
             if isinstance(event, Complete):
-                rests.append(Rest(event.average.angles, at - event.average.seconds, at))
+                mean = event.average
+                rests.append(Rest(mean.angles, at - mean.seconds, at, mean.std))
     if not rests:
         problem = f"{len(time)} readings in {np.ptp(time):.1f} s, but no rest of {seconds:g} s"
         expected = "an arm that rests at every pose"
@@ -71,34 +79,36 @@ def found_rests(
     return rests
 
 
+# Columns of one row by name.
+Seen = Mapping[str, float]
+
+
 def imported_rests(
     path: Path,
     form: str,
     joints: Sequence[str],
     rests: Sequence[Rest],
-    tracked: tuple[FloatArray, Body] | None = None,
-    prefix: str = "",
+    seen: Mapping[str, Sequence[Seen | None]] | None = None,
     pictures: Sequence[RecordedPicture | None] | None = None,
 ) -> ImportedRows:
     """A samples CSV of the rests in a recording.
 
-    A rest in which nothing was seen, or no picture was taken, is left out. What was ``tracked`` of
-    the arm are times (m,), s, and m poses; pictures are of each rest.
+    A rest in which nothing was ``seen`` of something, or no picture was taken, is left out. What
+    was seen of each rest is told by what it is called in messages.
     """
     usable = list(range(len(rests)))
     columns, files = dict[str, NDArray[Any]](), dict[str, bytes]()
-    means = [] if tracked is None else [_mean(*tracked, rest) for rest in rests]
-    for what, each in (("pose", means if tracked is not None else None), ("picture", pictures)):
-        if each is not None:
-            usable = [k for k in usable if each[k] is not None]
-            if not usable:
-                problem = f"{len(rests)} rests, but no {what} during any of them"
-                raise ForeignFileError(problem, f"{what}s with times of the same clock", file=path)
-    if tracked is not None:
-        bodies = [mean for k in usable if (mean := means[k]) is not None]
-        position = np.array([body.position[0] for body in bodies])
-        turned = [body.rotation[0] for body in bodies if body.rotation is not None]
-        columns |= pose_columns(position, np.array(turned) if turned else None, prefix)
+    everything: dict[str, Sequence[Any]] = {**(seen or {})}
+    if pictures is not None:
+        everything["picture"] = pictures
+    for what, each in everything.items():
+        usable = [k for k in usable if each[k] is not None]
+        if not usable:
+            problem = f"{len(rests)} rests, but no {what} during any of them"
+            raise ForeignFileError(problem, f"{what}s with times of the same clock", file=path)
+    for each in (seen or {}).values():
+        rows = [row for k in usable if (row := each[k]) is not None]
+        columns |= {name: np.array([row[name] for row in rows]) for name in rows[0]}
     if pictures is not None:
         for k in usable:
             if (picture := pictures[k]) is not None:
@@ -119,15 +129,21 @@ def imported_rests(
     )
 
 
-def _mean(time: FloatArray, body: Body, rest: Rest) -> Body | None:
-    """What was seen during a rest, as one; None where nothing was."""
-    rows = np.flatnonzero((time >= rest.begin) & (time <= rest.end) & body.observed)
-    if not len(rows):
-        return None
-    during = body.take(rows)
-    position = during.position.mean(axis=0)[None]
-    if during.rotation is None:
-        return Body(position)
-    # The rotation nearest to all: that of the mean matrix.
-    left, _, right = np.linalg.svd(during.rotation.mean(axis=0))
-    return Body(position, (left @ right)[None])
+def seen_poses(
+    time: FloatArray, body: Body, rests: Sequence[Rest], prefix: str
+) -> list[Seen | None]:
+    """The mean pose of a body during each rest; None where it was not seen."""
+    found = list[Seen | None]()
+    for rest in rests:
+        rows = np.flatnonzero((time >= rest.begin) & (time <= rest.end) & body.observed)
+        if not len(rows):
+            found.append(None)
+            continue
+        during, rotation = body.take(rows), None
+        if during.rotation is not None:
+            # The rotation nearest to all: that of the mean matrix.
+            left, _, right = np.linalg.svd(during.rotation.mean(axis=0))
+            rotation = (left @ right)[None]
+        columns = pose_columns(during.position.mean(axis=0)[None], rotation, prefix)
+        found.append({name: float(values[0]) for name, values in columns.items()})
+    return found

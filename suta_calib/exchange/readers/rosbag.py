@@ -14,6 +14,7 @@ from suta_calib.arrays import FloatArray
 from suta_calib.atomic import note_input
 from suta_calib.errors import ForeignFileError, MissingExtraError
 from suta_calib.exchange.cells import is_folder, is_plain_file
+from suta_calib.exchange.felt_gravity import POSTURES, GravityLog
 from suta_calib.exchange.imported import ImportedRows, checked_places
 from suta_calib.exchange.option import Given, Option
 from suta_calib.exchange.reader import Reader
@@ -21,8 +22,10 @@ from suta_calib.exchange.recorded_rests import (
     SECONDS,
     RecordedPicture,
     Rest,
+    Seen,
     found_rests,
     imported_rests,
+    seen_poses,
 )
 from suta_calib.exchange.ros_pictures import CAMERA_INFO, COMPRESSED, IMAGE, camera_of, pictures_at
 from suta_calib.exchange.rotations import rotations_from
@@ -36,6 +39,12 @@ POSE_TOPIC: Final = Option("pose_topic", "Topic with the poses of a tracker or c
 IMAGE_TOPIC: Final = Option(
     "image_topic", "Topic with pictures; one picture of each rest is written to a file.", "/TOPIC"
 )
+IMU_TOPIC: Final = Option(
+    "imu_topic",
+    "Topic of an IMU (sensor_msgs/Imu) that felt gravity during the rests.",
+    "/TOPIC",
+)
+_IMU: Final = "sensor_msgs/msg/Imu"
 _JOINT_STATE: Final = "sensor_msgs/msg/JointState"
 _TF: Final = "tf2_msgs/msg/TFMessage"
 # Where the pose is in messages that hold one.
@@ -59,15 +68,29 @@ class _Bag:
     transforms: list[tuple[float, str, str, list[float]]] = field(default_factory=list)
     cameras: dict[str, Any] = field(default_factory=dict)
     pictures: set[str] = field(default_factory=set)
+    imus: dict[str, list[tuple[float, list[float]]]] = field(default_factory=dict)
 
 
 class RosbagReader(Reader):
     """Rests of the joint states with the poses of a topic or of tf; or such poses alone."""
 
     name = "rosbag"
-    summary = "ROS 1 and 2 recordings (.bag, .db3, MCAP): joint states, poses, tf, pictures"
+    summary = "ROS 1 and 2 recordings (.bag, .db3, MCAP): joint states, poses, tf, pictures, IMUs"
     example = "run_1 --format rosbag --body tool0 --reference tracker --out a.csv"
-    options = (*(JOINT_TOPIC, POSE_TOPIC, IMAGE_TOPIC, BODY, REFERENCE, PREFIX, INVERT, SECONDS),)
+    options = (
+        *(
+            JOINT_TOPIC,
+            POSE_TOPIC,
+            IMAGE_TOPIC,
+            IMU_TOPIC,
+            BODY,
+            REFERENCE,
+            PREFIX,
+            INVERT,
+            SECONDS,
+        ),
+        POSTURES,
+    )
     extra = "ros"
 
     def recognises(self, path: Path, head: str) -> bool:
@@ -88,6 +111,11 @@ class RosbagReader(Reader):
                     "a topic of sensor_msgs/JointState, because each picture belongs to a rest"
                 )
                 raise ForeignFileError(problem, expected, file=path)
+            if poses is None and bag.imus:
+                log = _felt(path, bag, given)
+                return (
+                    log.at_postures(self.name, given) if POSTURES in given else log.rows(self.name)
+                )
             if poses is None:
                 problem = "no joint states, and no selected poses"
                 topics = listed(list(bag.poses)) or "none"
@@ -104,8 +132,13 @@ class RosbagReader(Reader):
             poses = poses[0], poses[1].inverse()
         rests = found_rests(path, names, time, angles, given)
         pictures = _pictures(path, bag, rests, given) if IMAGE_TOPIC in given else None
-        prefix = given.text(PREFIX)
-        rows = imported_rests(path, self.name, names, rests, poses, prefix, pictures)
+        seen = dict[str, list[Seen | None]]()
+        if poses is not None:
+            seen["pose"] = seen_poses(*poses, rests, given.text(PREFIX))
+        if IMU_TOPIC in given:
+            log = _felt(path, bag, given)
+            seen["rest of the IMU"] = [log.still(rest.begin, rest.end) for rest in rests]
+        rows = imported_rests(path, self.name, names, rests, seen, pictures)
         return rows if pictures is None else _with_camera(rows, bag, given.text(IMAGE_TOPIC))
 
     def _poses(self, path: Path, bag: _Bag, given: Given) -> tuple[FloatArray, Body] | None:
@@ -145,6 +178,14 @@ def _together(
         problem = f"no time at which {topic} contains every joint of {listed(names)}"
         raise ForeignFileError(problem, "all of them within 0.5 s", file=path)
     return names, np.array(time), np.array(angles)
+
+
+def _felt(path: Path, bag: _Bag, given: Given) -> GravityLog:
+    """What an IMU felt, in the order of its stamps: as by REP 145, upwards at rest, in m/s²."""
+    rows = sorted(bag.imus[_chosen(path, bag.imus, given, IMU_TOPIC)])
+    time, felt = np.array([at for at, _ in rows]), np.array([row for _, row in rows])
+    hint = "choose a topic of raw data, with gravity"
+    return GravityLog.of(path, time, felt, without=hint)
 
 
 def _pictures(
@@ -201,7 +242,7 @@ def _read(path: Path, extra: str) -> _Bag:
     def matters(kind: str, topic: str) -> bool:
         if kind in (IMAGE, COMPRESSED):
             bag.pictures.add(topic)
-        return kind in {_JOINT_STATE, _TF, CAMERA_INFO, *_POSES}
+        return kind in {_JOINT_STATE, _TF, CAMERA_INFO, _IMU, *_POSES}
 
     with _read_errors(path):
         for count, message in enumerate(_messages(folder, matters)):
@@ -270,6 +311,9 @@ def _take(bag: _Bag, kind: str, topic: str, at: float, message: Any) -> None:
             # Static ones hold from the beginning.
             when = 0.0 if topic.endswith("static") else _seconds(transform.header) or at
             bag.transforms.append((when, parent, child, _numbers(transform.transform)))
+    elif kind == _IMU:
+        felt = message.linear_acceleration
+        bag.imus.setdefault(topic, []).append((at, [felt.x, felt.y, felt.z]))
     elif kind == CAMERA_INFO:
         bag.cameras.setdefault(topic, message)
     else:

@@ -1,0 +1,382 @@
+"""What an accelerometer felt of gravity: logs of phones and IMUs, at the rests of an arm."""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from pathlib import Path
+from typing import Any, ClassVar, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from suta_calib.acquisition.averaging import average
+from suta_calib.arrays import FloatArray
+from suta_calib.errors import ForeignFileError
+from suta_calib.exchange.clock import Clock
+from suta_calib.exchange.delimited import DELIMITED_OPTIONS, read_sheet
+from suta_calib.exchange.imported import ImportedRows
+from suta_calib.exchange.option import Given, Option
+from suta_calib.exchange.pose_table import read_without_options
+from suta_calib.exchange.reader import Reader
+from suta_calib.exchange.recorded_rests import SECONDS, Rest, found_rests, shortest_rest
+from suta_calib.exchange.sheet import Sheet
+from suta_calib.units import deg, from_deg
+from suta_calib.words import listed
+
+POSTURES: Final = Option(
+    "postures",
+    "Joint readings of the arm at the rests of the log: a row for each, in order; or a recording.",
+    "FILE.csv",
+    file=True,
+)
+DOWNWARDS: Final = Option(
+    "downwards",
+    "The log has the pull of gravity (iPhone), not the push against it (Android): change the sign.",
+    flag=True,
+)
+ACCELERATION: Final = ("ax", "ay", "az")
+STANDARD_GRAVITY: Final = 9.80665
+# Gravity at rest in the units of sensors, and their names; within a tenth of each.
+_UNITS: Final = ((1.0, "g"), (STANDARD_GRAVITY, "m/s²"), (1000.0, "mg or cm/s²"))
+_NEAR: Final = 0.1
+# Below this size, in any unit, gravity was taken out of what was felt.
+_NOTHING: Final = 0.2
+# Zero errors and scales of cheap sensors change what is felt at rest by less than this share.
+_AT_REST: Final = 0.08
+# Two halves of a rest differ by less, rad; a hand that holds a phone does not.
+_STILL: Final = from_deg(0.3)
+# Rests in a row whose directions are closer may be one that was disturbed, rad.
+_SAME: Final = from_deg(0.1)
+_FEWEST: Final = 5
+# Rows that make a file of postures a recording of the arm's joints.
+_RECORDING: Final = 60
+
+
+@dataclass(frozen=True, eq=False)
+class GravityLog:
+    """What an accelerometer felt, in one unit, pointing up at rest.
+
+    Attributes:
+        path: the file.
+        clock: when.
+        acceleration: (m, 3) at the times of the clock.
+        dropped: rows of the file with missing values.
+        notes, remarks: one sentence each.
+    """
+
+    path: Path
+    clock: Clock
+    acceleration: FloatArray
+    dropped: int = 0
+    notes: tuple[str, ...] = ()
+    remarks: tuple[str, ...] = ()
+
+    @classmethod
+    def of(
+        cls,
+        path: Path,
+        time: FloatArray,
+        acceleration: FloatArray,
+        lines: Sequence[int] | None = None,
+        without: str = "",
+    ) -> GravityLog:
+        """A log of times (n,), in s or since 1970, and accelerations (n, 3).
+
+        Args:
+            path: the file.
+            time: NaN where it is missing.
+            acceleration: likewise.
+            lines: (n,) in the file.
+            without: what to do if gravity was taken out of the log.
+
+        Raises:
+            ForeignFileError: no times, two units, or no gravity.
+        """
+        complete = np.flatnonzero(np.isfinite(acceleration).all(axis=1) & np.isfinite(time))
+        if not len(complete):
+            raise ForeignFileError("no complete row", "times and accelerations", file=path)
+        clock = Clock.of(path, time[complete])
+        rows = complete[clock.rows]
+        felt = acceleration[rows]
+        size = np.linalg.norm(felt, axis=1)
+        usual = float(np.median(size))
+        if not usual > _NOTHING:
+            hint = without or "record the acceleration with gravity"
+            found = f"an acceleration of {usual:.2g} on average, so that gravity was taken out"
+            raise ForeignFileError(found, "gravity: 1 g, or 9.81 m/s²", file=path, hint=hint)
+        notes, remarks = list(clock.notes), list(clock.remarks)
+        cls._check_one_unit(path, size / usual, usual, rows if lines is None else lines, rows)
+        unit = next((name for of, name in _UNITS if abs(usual / of - 1.0) < _NEAR), "")
+        if unit:
+            remarks.append(f"Gravity is about {usual:.4g}: the unit is {unit}.")
+        else:
+            notes.append(
+                f"What was felt is {usual:.4g} on average, which is gravity in no usual unit. The "
+                "direction does not depend on the unit; but check that the arm rested, and that "
+                "the sensor is scaled right."
+            )
+        return cls(path, clock, felt, len(time) - len(complete), tuple(notes), tuple(remarks))
+
+    @staticmethod
+    def _check_one_unit(
+        path: Path,
+        ratio: FloatArray,
+        usual: float,
+        lines: Sequence[int] | NDArray[np.intp],
+        rows: NDArray[np.intp],
+    ) -> None:
+        for factor in (STANDARD_GRAVITY, 1.0 / STANDARD_GRAVITY):
+            others = np.flatnonzero(np.abs(ratio / factor - 1.0) < _NEAR)
+            if len(others) < max(_FEWEST, 0.005 * len(ratio)):
+                continue
+            row = int(rows[others[0]])
+            raise ForeignFileError(
+                f"an acceleration of {usual * ratio[others[0]]:.3g} in {len(others)} rows, and of "
+                f"{usual:.3g} in most others",
+                "one unit",
+                file=path,
+                line=int(lines[row]) if len(lines) > row else None,
+                hint="g and m/s² seem to be mixed; multiply those in g by 9.80665",
+            )
+
+    @property
+    def usual(self) -> float:
+        """Gravity in the unit of the log."""
+        return float(np.median(np.linalg.norm(self.acceleration, axis=1)))
+
+    def rows(self, form: str) -> ImportedRows:
+        """Every row of the log."""
+        felt = np.linalg.norm(self.acceleration, axis=1) / self.usual
+        moving = float(np.mean(np.abs(felt - 1.0) > _AT_REST))
+        remarks = [
+            *self.remarks,
+            f"To get the rests of an arm with its joint readings, give {POSTURES.switch} FILE.csv.",
+        ]
+        if moving > 0.01:
+            remarks.insert(0, f"In {moving:.0%} of the rows more or less than gravity was felt.")
+        columns = {"time": self.clock.time, **_columns(self.acceleration)}
+        return self._imported(form, columns, self.dropped, self.notes, remarks)
+
+    def at_postures(self, form: str, given: Given) -> ImportedRows:
+        """Samples: the readings of the arm's joints with what was felt at each rest.
+
+        Raises:
+            ForeignFileError: no rests, or not as many as postures.
+        """
+        postures = _Postures.read(Path(given.text(POSTURES)), given)
+        inside = np.zeros(0, dtype=bool)
+        if postures.time is not None:
+            clock = self.clock.time
+            inside = (postures.time >= clock[0] - 1.0) & (postures.time <= clock[-1] + 1.0)
+        by_time = inside.size > 0 and inside.mean() >= 0.5
+        rests = (self._at_times if by_time else self._in_order)(postures, given)
+        kept = [k for k, rest in enumerate(rests) if rest is not None]
+        found = [rest for rest in rests if rest is not None]
+        means = np.array([rest.angles for rest in found]) * self.usual
+        scatter = np.array([_scatter(rest) for rest in found])
+        columns: dict[str, NDArray[Any]] = {n: v[kept] for n, v in postures.columns.items()}
+        columns |= _columns(means)
+        columns["std_deg"] = deg(scatter)
+        columns["time"] = np.array([rest.end for rest in found])
+        how = "by their times" if by_time else "in order"
+        remarks = [
+            f"{len(found)} rests, matched with {postures.path.name} {how}. Each row is the mean of "
+            f"a rest; the direction of one reading scatters by {deg(np.median(scatter)):.2g}° "
+            "(column std_deg).",
+            *self.remarks,
+        ]
+        notes = [*self.notes, *self._doubts(found)]
+        if len(kept) < len(rests):
+            lost = [f"{k + 1}" for k in range(len(rests)) if k not in kept]
+            notes.append(
+                f"{len(lost)} of {len(rests)} postures were left out (row {listed(lost)}): the "
+                "phone did not rest at their times."
+            )
+        return self._imported(
+            form, columns, len(lost) if len(kept) < len(rests) else 0, notes, remarks
+        )
+
+    def _at_times(self, postures: _Postures, given: Given) -> list[Rest | None]:
+        """The mean about the time of each posture; None where the sensor did not rest then."""
+        assert postures.time is not None
+        half = 0.5 * shortest_rest(given)
+        rests = [self._rest(at - half, at + half) for at in postures.time.tolist()]
+        if (count := sum(rest is not None for rest in rests)) < max(1, len(rests) // 2):
+            raise ForeignFileError(
+                f"{count} of {len(rests)} postures of {postures.path.name} at whose times the "
+                "sensor rested",
+                "most of them",
+                file=self.path,
+                hint="do both clocks agree? Without a column 'time' in the postures, rests are "
+                "taken in order",
+            )
+        return rests
+
+    def still(self, begin: float, end: float) -> Mapping[str, float] | None:
+        """The mean of a time as columns; None where the sensor moved, or said too little."""
+        rest = self._rest(begin, end)
+        if rest is None:
+            return None
+        mean = dict(zip(ACCELERATION, (self.usual * rest.angles).tolist(), strict=True))
+        return {**mean, "std_deg": deg(_scatter(rest))}
+
+    def _rest(self, begin: float, end: float) -> Rest | None:
+        """The mean of a time; None where the sensor moved, or said too little."""
+        time = self.clock.time
+        rows = np.flatnonzero((time >= begin) & (time <= end))
+        if len(rows) < _FEWEST:
+            return None
+        felt = self.acceleration[rows] / self.usual
+        halves = [half.mean(axis=0) for half in np.array_split(felt, 2)]
+        scatter = felt.std(axis=0) / np.sqrt(len(felt) / 4.0)
+        limit = _STILL + 4.0 * float(np.linalg.norm(scatter))
+        size = float(np.linalg.norm(felt.mean(axis=0)))
+        if np.linalg.norm(halves[1] - halves[0]) > limit or abs(size - 1.0) > _AT_REST:
+            return None
+        mean = average(felt)
+        return Rest(mean.angles, begin, end, mean.std)
+
+    def _in_order(self, postures: _Postures, given: Given) -> list[Rest | None]:
+        """The rests of the log, as many as there are postures."""
+        felt = self.acceleration / self.usual
+        rests = found_rests(self.path, ACCELERATION, self.clock.time, felt, given)
+        count = len(next(iter(postures.columns.values())))
+        if len(rests) == count:
+            return [*rests]
+        begin = self.clock.time[0]
+        at = listed([f"{rest.begin - begin:.1f}" for rest in rests], 40)
+        alike = [
+            f"{before.begin - begin:.1f} s and {after.begin - begin:.1f} s"
+            for before, after in pairwise(rests)
+            if np.linalg.norm(after.angles - before.angles) < _SAME
+        ]
+        hint = f"choose the shortest rest with {SECONDS.switch} N, or correct the postures"
+        if alike:
+            hint += f"; no change of direction between {listed(alike)}: was the phone touched?"
+        raise ForeignFileError(
+            f"{len(rests)} rests in the log, {at} s after its beginning",
+            f"{count}, as many as {postures.what}",
+            file=self.path,
+            hint=hint,
+        )
+
+    def _doubts(self, rests: Sequence[Rest]) -> list[str]:
+        """Rests in which other than gravity was felt."""
+        sizes = np.array([np.linalg.norm(rest.angles) for rest in rests])
+        ratio = sizes / np.median(sizes)
+        off = np.flatnonzero(np.abs(ratio - 1.0) > _AT_REST)
+        if not len(off):
+            return []
+        first, begin = int(off[0]), self.clock.time[0]
+        return [
+            f"{len(off)} of {len(rests)} rests felt other than gravity (the first, "
+            f"{rests[first].begin - begin:.1f} s after the beginning, {ratio[first]:.3g} times as "
+            "much as most): the arm moved or shook. Leave these rows out, or record them again."
+        ]
+
+    def _imported(
+        self,
+        form: str,
+        columns: Mapping[str, NDArray[Any]],
+        dropped: int,
+        notes: Sequence[str],
+        remarks: Sequence[str],
+    ) -> ImportedRows:
+        return ImportedRows(
+            source=self.path,
+            form=form,
+            columns=columns,
+            dropped=dropped,
+            notes=tuple(notes),
+            remarks=tuple(remarks),
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class _Postures:
+    """Where an arm was at its rests.
+
+    Attributes:
+        path: the file.
+        columns: of its samples, (k,) each.
+        time: (k,) s, when; None where the file does not say.
+        what: they are, in words.
+    """
+
+    path: Path
+    columns: Mapping[str, NDArray[Any]]
+    time: FloatArray | None
+    what: str
+
+    @classmethod
+    def read(cls, path: Path, given: Given) -> _Postures:
+        """A list of postures, or the rests in a recording of joints."""
+        rows = read_without_options(path)
+        if not isinstance(rows, ImportedRows):
+            raise ForeignFileError(rows.sentence, "joint readings", file=path)
+        columns = {n: v for n, v in rows.columns.items() if n not in ("time", *ACCELERATION)}
+        time = rows.columns.get("time")
+        if time is None or time.dtype.kind != "f":
+            return cls(path, columns, None, f"{path.name} has rows")
+        if len(time) >= _RECORDING and float(np.median(np.diff(time))) < 1.0:
+            clock = Clock.of(path, time)
+            joints = [name for name, values in columns.items() if values.dtype.kind == "f"]
+            angles = np.column_stack([columns[name][clock.rows] for name in joints])
+            rests = found_rests(path, joints, clock.time, angles, given)
+            means = np.array([rest.angles for rest in rests])
+            at = np.array([0.5 * (rest.begin + rest.end) for rest in rests])
+            return cls(path, dict(zip(joints, means.T, strict=True)), at, f"{path.name} has rests")
+        return cls(path, columns, Clock.in_seconds(time)[0], f"{path.name} has rows")
+
+
+def _scatter(rest: Rest) -> float:
+    """Standard deviation of the direction of one reading in a rest, rad: mean of both ways."""
+    assert rest.std is not None
+    return float(np.linalg.norm(rest.std) / np.sqrt(3.0))
+
+
+def _columns(acceleration: FloatArray) -> dict[str, NDArray[Any]]:
+    return dict(zip(ACCELERATION, acceleration.T, strict=True))
+
+
+class AccelerometerReader(Reader):
+    """A text table of an accelerometer; with the postures of an arm, samples of kind ``gravity``.
+
+    Attributes:
+        without_gravity: what to do about a log from which gravity was taken out.
+    """
+
+    options: ClassVar[tuple[Option, ...]] = (POSTURES, SECONDS, DOWNWARDS, *DELIMITED_OPTIONS)
+    without_gravity: ClassVar[str] = ""
+
+    def read(self, path: Path, given: Given) -> ImportedRows:
+        """Rows ``time, ax, ay, az``; with postures, their joints and the means of the rests."""
+        if SECONDS in given and POSTURES not in given:
+            raise given.refuse(
+                SECONDS, "a duration of rests", f"with it {POSTURES.switch} FILE.csv"
+            )
+        sheet = read_sheet(path, given)
+        time, axes = self.columns(sheet, given)
+        pull, why = (True, "") if DOWNWARDS in given else self.points_down(path)
+        sign = -1.0 if pull else 1.0
+        log = GravityLog.of(
+            path, time, sign * sheet.numbers([*axes]), sheet.lines, self.without_gravity
+        )
+        if why:
+            log = replace(log, remarks=(why, *log.remarks))
+        return log.at_postures(self.name, given) if POSTURES in given else log.rows(self.name)
+
+    @abstractmethod
+    def columns(self, sheet: Sheet, given: Given) -> tuple[FloatArray, Sequence[int]]:
+        """Times (n,), s or since 1970, and the columns of x, y and z."""
+
+    def points_down(self, path: Path) -> tuple[bool, str]:
+        """Whether the log has the pull of gravity, and a sentence that says why."""
+        del path
+        return False, (
+            "The accelerations were taken to point up at rest, as those of Android phones and of "
+            f"IMUs do; for a log that points down (iPhone), give {DOWNWARDS.switch}."
+        )
