@@ -12,7 +12,7 @@ from typing import Any, ClassVar, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from suta_calib.acquisition.averaging import average
+from suta_calib.acquisition.averaging import average, row_noise
 from suta_calib.arrays import FloatArray
 from suta_calib.errors import ForeignFileError
 from suta_calib.exchange.clock import Clock
@@ -48,6 +48,10 @@ _NOTHING: Final = 0.2
 _AT_REST: Final = 0.08
 # Two halves of a rest differ by less, rad; a hand that holds a phone does not.
 _STILL: Final = from_deg(0.3)
+# What a window of so many s may change and scatter by in a rest, rad or parts of gravity, whatever
+# its noise.
+_WINDOW: Final = 0.4
+_QUIET: Final = from_deg(0.15)
 # Rests in a row whose directions are closer may be one that was disturbed, rad.
 _SAME: Final = from_deg(0.1)
 _FEWEST: Final = 5
@@ -215,6 +219,42 @@ class GravityLog:
             )
         return rests
 
+    def rests(self, seconds: float) -> list[Rest]:
+        """The times of at least so many s in which the sensor did not move.
+
+        There what is felt changes, and scatters, by little more than its noise.
+
+        Raises:
+            ForeignFileError: there are none.
+        """
+        felt, time = self.acceleration / self.usual, self.clock.time
+        noise = float(np.sqrt(np.mean(row_noise(felt, 0) ** 2)))
+        half = max(4, round(0.5 * _WINDOW / self.clock.step))
+        found = list[Rest]()
+        if len(felt) > 2 * half:
+            mean, square = _means(felt, half), _means(felt**2, half)
+            change = np.linalg.norm(mean[half:] - mean[:-half], axis=1)
+            middle = 0.5 * (mean[half:] + mean[:-half])
+            variance = 0.5 * (square[half:] + square[:-half]) - middle**2
+            scatter = np.sqrt(np.maximum(variance.mean(axis=1), 0.0))
+            # Five standard deviations of a difference, and twice the scatter, of noise alone.
+            still = change < max(_QUIET, 5.0 * noise * np.sqrt(2.0 / half))
+            still &= scatter < max(_QUIET, 2.0 * noise)
+            rest = np.concatenate([np.repeat(still[:1], half), still, np.repeat(still[-1:], half)])
+            edges = np.flatnonzero(np.diff(np.concatenate([[False], rest, [False]]).astype(int)))
+            for begin, end in edges.reshape(-1, 2).tolist():
+                last = min(end, len(time)) - 1
+                if time[last] - time[begin] + 2.0 * half * self.clock.step < seconds:
+                    continue
+                if (mean_rest := self._rest(time[begin], time[last])) is not None:
+                    found.append(mean_rest)
+        if not found:
+            problem = f"{len(time)} readings in {np.ptp(time):.1f} s, but no rest of {seconds:g} s"
+            expected = "an arm that rests at every posture"
+            hint = f"to find shorter rests, give {SECONDS.switch} N"
+            raise ForeignFileError(problem, expected, file=self.path, hint=hint)
+        return found
+
     def still(self, begin: float, end: float) -> Mapping[str, float] | None:
         """The mean of a time as columns; None where the sensor moved, or said too little."""
         rest = self._rest(begin, end)
@@ -233,16 +273,14 @@ class GravityLog:
         halves = [half.mean(axis=0) for half in np.array_split(felt, 2)]
         scatter = felt.std(axis=0) / np.sqrt(len(felt) / 4.0)
         limit = _STILL + 4.0 * float(np.linalg.norm(scatter))
-        size = float(np.linalg.norm(felt.mean(axis=0)))
-        if np.linalg.norm(halves[1] - halves[0]) > limit or abs(size - 1.0) > _AT_REST:
+        if np.linalg.norm(halves[1] - halves[0]) > limit:
             return None
         mean = average(felt)
         return Rest(mean.angles, begin, end, mean.std)
 
     def _in_order(self, postures: _Postures, given: Given) -> list[Rest | None]:
         """The rests of the log, as many as there are postures."""
-        felt = self.acceleration / self.usual
-        rests = found_rests(self.path, ACCELERATION, self.clock.time, felt, given)
+        rests = self.rests(shortest_rest(given))
         count = len(next(iter(postures.columns.values())))
         if len(rests) == count:
             return [*rests]
@@ -330,6 +368,12 @@ class _Postures:
             at = np.array([0.5 * (rest.begin + rest.end) for rest in rests])
             return cls(path, dict(zip(joints, means.T, strict=True)), at, f"{path.name} has rests")
         return cls(path, columns, Clock.in_seconds(time)[0], f"{path.name} has rows")
+
+
+def _means(values: FloatArray, count: int) -> FloatArray:
+    """(n - count + 1, 3) means of so many neighbouring rows of (n, 3)."""
+    sums = np.concatenate([np.zeros((1, values.shape[1])), np.cumsum(values, axis=0)])
+    return np.asarray((sums[count:] - sums[:-count]) / count)
 
 
 def _scatter(rest: Rest) -> float:

@@ -13,6 +13,7 @@ from typing import Any, NamedTuple
 
 import c3d as c3d_files
 import numpy as np
+import phone_logs
 from foreign import poses, transforms
 from ros_recordings import JOINTS as RECORDED
 from ros_recordings import motion, write_recording
@@ -410,6 +411,26 @@ def mjcf(folder: Path) -> Sample:
     return Sample(path, {})
 
 
+def phone(form: str) -> Callable[[Path], Sample]:
+    """A log of three rests, with as many postures beside it."""
+
+    def write(folder: Path) -> Sample:
+        time, felt = phone_logs.log(phone_logs.directions(3))
+        path = folder / f"{form}.csv"
+        if form == "accelerometer":
+            phone_logs.phyphox(path, time, felt)
+            lines = path.read_text().splitlines()[1:]
+            path.write_text("\n".join(["time,ax,ay,az,size", *lines]) + "\n")
+        else:
+            {"sensor-logger": phone_logs.sensor_logger, "phyphox": phone_logs.phyphox}[form](
+                path, time, felt
+            )
+        file, _ = phone_logs.postures(folder / "postures.csv", 3)
+        return Sample(path, {"postures": str(file)})
+
+    return write
+
+
 # Poses by name, of which two are pairs.
 POSES = {"pose-list": pose_list, "colmap": colmap, "bop": bop, "visp": visp, "matlab": matlab}
 SAMPLES: dict[str, Callable[[Path], Sample]] = {
@@ -426,6 +447,7 @@ SAMPLES: dict[str, Callable[[Path], Sample]] = {
     **POSES,
     "ur-kinematics": ur_kinematics,
     "c3d": c3d,
+    **{form: phone(form) for form in ("sensor-logger", "phyphox", "accelerometer")},
 }
 # Those whose samples are folders.
 FOLDERS = ("rosbag", "lerobot-dataset", "visp")

@@ -190,3 +190,39 @@ def write_recording(
                 posture = int((at - start) // (REST + MOTION))
                 write(CAMERA_TOPICS[True, encoding == "png"][0][0], at, image(at, posture))
     return path
+
+
+def write_imu_recording(path: Path, *, joints: bool) -> Path:
+    """An IMU that the first joint turns about y, and perhaps the joint states, of ROS 2."""
+    from rosbags.rosbag2 import Writer
+    from rosbags.typesys import Stores, get_typestore
+
+    store = get_typestore(Stores.ROS2_HUMBLE)
+    t, (time, q) = store.types, motion()
+    rng, none = np.random.default_rng(3), np.zeros(0)
+    kinds = {"/imu": "sensor_msgs/msg/Imu", "/joint_states": "sensor_msgs/msg/JointState"}
+    with Writer(path, version=9) as writer:
+        topics = {
+            name: writer.add_connection(name, kind, typestore=store)
+            for name, kind in kinds.items()
+            if joints or name == "/imu"
+        }
+        for at, row in zip((time + 100.0).tolist(), q, strict=True):
+            stamp = t["builtin_interfaces/msg/Time"](int(at), round(at % 1 * 1e9))
+            header = t["std_msgs/msg/Header"](stamp, "imu")
+            up = 9.81 * np.array([np.sin(row[0]), 0.0, np.cos(row[0])])
+            felt = t["geometry_msgs/msg/Vector3"](*(up + 0.02 * rng.standard_normal(3)).tolist())
+            turn = t["geometry_msgs/msg/Quaternion"](0.0, 0.0, 0.0, 1.0)
+            still, unknown = t["geometry_msgs/msg/Vector3"](0.0, 0.0, 0.0), np.zeros(9)
+            parts = (turn, unknown, still, unknown, felt, unknown)
+            messages = {
+                "/imu": t["sensor_msgs/msg/Imu"](header, *parts),
+                "/joint_states": t["sensor_msgs/msg/JointState"](
+                    header, list(JOINTS), row, none, none
+                ),
+            }
+            for name, connection in topics.items():
+                message = messages[name]
+                raw = store.serialize_cdr(message, kinds[name])
+                writer.write(connection, int(at * 1e9), raw)
+    return path

@@ -1,0 +1,253 @@
+"""Logs of phones and IMUs: every layout, the rests of an arm, and all that may be wrong."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from cli_job import refused
+from foreign import imported
+from phone_logs import (
+    BEGIN,
+    MOTION,
+    REST,
+    directions,
+    log,
+    middles,
+    phyphox,
+    postures,
+    sensor_logger,
+)
+from ros_recordings import JOINTS, POSTURES, motion, write_imu_recording
+
+from suta_calib.arrays import FloatArray
+from suta_calib.errors import InputError
+from suta_calib.exchange import ImportedRows
+from suta_calib.exchange.reader import recognised
+from suta_calib.units import from_deg
+
+UP = directions()
+TIME, FELT = log(UP)
+
+
+def felt_in(rows: ImportedRows) -> FloatArray:
+    return np.stack([rows.columns[name] for name in ("ax", "ay", "az")], axis=1)
+
+
+def check(rows: ImportedRows, up: FloatArray, within: float = 0.1) -> None:
+    """The directions of up, (k, 3), within some degrees."""
+    felt = felt_in(rows)
+    felt = felt / np.linalg.norm(felt, axis=1)[:, None]
+    assert felt.shape == up.shape
+    assert np.linalg.norm(felt - up, axis=1).max() < from_deg(within)
+
+
+def table(path: Path, names: str, time: FloatArray, felt: FloatArray) -> Path:
+    rows = [",".join(map(repr, row)) for row in np.column_stack([time, felt]).tolist()]
+    path.write_text("\n".join([names, *rows]) + "\n")
+    return path
+
+
+LAYOUTS: dict[str, tuple[str, Callable[[Path], Path]]] = {
+    "Sensor Logger": ("sensor-logger", lambda path: sensor_logger(path, TIME, FELT)),
+    "phyphox, commas": ("phyphox", lambda path: phyphox(path, TIME, FELT)),
+    "phyphox, tabs": ("phyphox", lambda path: phyphox(path, TIME, FELT, "\t")),
+    "phyphox, semicolons": ("phyphox", lambda path: phyphox(path, TIME, FELT, ";")),
+    "phyphox, decimal commas": ("phyphox", lambda path: phyphox(path, TIME, FELT, ";", ",")),
+    "phyphox in German": (
+        "phyphox",
+        lambda path: phyphox(path, TIME, FELT, ";", ",", "Beschleunigung"),
+    ),
+    "a table": ("accelerometer", lambda path: table(path, "time,ax,ay,az", TIME, FELT)),
+    "a table in g and ms": (
+        "accelerometer",
+        lambda path: table(path, "time [ms],accX (g),accY (g),accZ (g)", TIME * 1e3, FELT / 9.81),
+    ),
+    "an IMU's messages": (
+        "accelerometer",
+        lambda path: table(
+            path,
+            "stamp,linear_acceleration.x,linear_acceleration.y,linear_acceleration.z",
+            TIME + BEGIN,
+            FELT,
+        ),
+    ),
+}
+
+
+@pytest.mark.parametrize("layout", LAYOUTS)
+def test_every_layout(layout: str, tmp_path: Path) -> None:
+    form, write = LAYOUTS[layout]
+    path = write(tmp_path / "log.csv")
+    assert recognised(path).name == form
+    whole = imported(path)
+    assert list(whole.columns) == ["time", "ax", "ay", "az"]
+    assert len(whole) == len(TIME)
+    assert np.diff(whole.columns["time"]) == pytest.approx(0.01, abs=1e-5)
+    file, q = postures(tmp_path / "postures.csv", len(UP))
+    rows = imported(path, postures=str(file))
+    check(rows, UP)
+    assert np.stack([rows.columns[name] for name in JOINTS], axis=1) == pytest.approx(q)
+    # Noise of 0.02 m/s² on each axis, of which two count.
+    assert rows.columns["std_deg"] == pytest.approx(np.rad2deg(0.02 / 9.81), rel=0.3)
+    assert rows.assessment.level == "good"
+
+
+def test_a_table_without_names(tmp_path: Path) -> None:
+    path = table(tmp_path / "log.csv", "# bench", TIME, FELT)
+    rows = imported(path, "accelerometer", columns="1=time,2=ax,3=ay,4=az")
+    assert felt_in(rows) == pytest.approx(FELT)
+    with pytest.raises(InputError, match=r"--columns 1=time,2=ax"):
+        imported(path, "accelerometer")
+
+
+def test_the_sign_is_that_of_the_phone(tmp_path: Path) -> None:
+    """An iPhone's log points down, unless the app was told to standardise."""
+    for metadata, sign in (("android,false", 1), ("ios,true", 1), ("ios,false", -1), ("", 1)):
+        folder = tmp_path / f"{metadata or 'none'}"
+        folder.mkdir()
+        rows = imported(sensor_logger(folder / "Gravity.csv", TIME, FELT, metadata))
+        assert felt_in(rows) == pytest.approx(sign * FELT)
+        assert any("Metadata.csv" in remark for remark in rows.remarks)
+    path = phyphox(tmp_path / "Raw Data.csv", TIME, FELT)
+    assert felt_in(imported(path)) == pytest.approx(FELT, abs=1e-6)
+    assert felt_in(imported(path, downwards=True)) == pytest.approx(-FELT, abs=1e-6)
+    (tmp_path / "meta").mkdir()
+    (tmp_path / "meta" / "device.csv").write_text('"deviceManufacturer","Apple"\n')
+    assert felt_in(imported(path)) == pytest.approx(-FELT, abs=1e-6)
+
+
+def test_rests_by_time(tmp_path: Path) -> None:
+    """A posture in whose time the phone moved, or was off, is left out and told."""
+    path = sensor_logger(tmp_path / "log.csv", TIME, FELT)
+    at = BEGIN + middles(UP)
+    at[2] += 0.5 * (REST + MOTION)
+    file, q = postures(tmp_path / "postures.csv", len(UP), at)
+    rows = imported(path, postures=str(file))
+    kept = np.delete(np.arange(len(UP)), 2)
+    check(rows, UP[kept], 0.2)
+    assert rows.columns["joint_1"] == pytest.approx(q[kept, 0])
+    assert (rows.dropped, rows.assessment.level) == (1, "care")
+    assert "1 of 6 postures were left out (row 3)" in rows.notes[-1]
+    late, _ = postures(tmp_path / "late.csv", len(UP), BEGIN + middles(UP) + 1.5)
+    with pytest.raises(InputError, match=r"of 6 postures of late.csv.*do both clocks agree"):
+        imported(path, postures=str(late))
+    # A clock of its own: in order.
+    other, _ = postures(tmp_path / "other.csv", len(UP), middles(UP))
+    check(imported(path, postures=str(other)), UP)
+
+
+def test_a_recording_of_the_joints(tmp_path: Path) -> None:
+    """Rests are those of the joints; with another clock they are matched in order."""
+    t, q = motion()
+    names = ",".join(["time", *JOINTS])
+    up = directions(len(POSTURES), 4)
+    time, felt = log(up)
+    path = sensor_logger(tmp_path / "log.csv", time, felt)
+    # The arm of the recording rests for 2 s and moves for 0.6 s: clocks of their own.
+    rows = imported(path, postures=str(table(tmp_path / "joints.csv", names, t, q)))
+    check(rows, up)
+    assert np.stack([rows.columns[n] for n in JOINTS], axis=1) == pytest.approx(POSTURES, abs=1e-6)
+
+
+def test_counts_that_differ_are_told_with_the_times(tmp_path: Path) -> None:
+    path = sensor_logger(tmp_path / "log.csv", TIME, FELT)
+    file, _ = postures(tmp_path / "postures.csv", 5)
+    says = r"6 rests in the log, 0\.\d, 3\.\d, 6\.\d.* s after its beginning; expected 5, as many"
+    with pytest.raises(InputError, match=says):
+        imported(path, postures=str(file))
+    twice = np.vstack([UP[:3], UP[2:]])
+    disturbed = sensor_logger(tmp_path / "disturbed.csv", *log(twice))
+    six, _ = postures(tmp_path / "six.csv", 6)
+    with pytest.raises(InputError, match=r"between 6\.\d s and 9\.\d s: was the phone touched"):
+        imported(disturbed, postures=str(six))
+
+
+def _without(rows: slice) -> tuple[FloatArray, FloatArray]:
+    kept = np.ones(len(TIME), dtype=bool)
+    kept[rows] = False
+    return TIME[kept], FELT[kept]
+
+
+def _harder(felt: FloatArray, begin: float, end: float, factor: float) -> FloatArray:
+    rows = (begin <= TIME) & (end > TIME)
+    return np.where(rows[:, None], factor * felt, felt)
+
+
+def test_what_may_be_wrong_is_told(tmp_path: Path) -> None:
+    file, _ = postures(tmp_path / "postures.csv", len(UP))
+    # A gap within a motion, and each row twice.
+    for time, felt, says in (
+        (*_without(slice(210, 290)), r"1 gap of up to 0\.8\d* s"),
+        (np.repeat(TIME, 2), np.repeat(FELT, 2, axis=0), "repeat the time of the row before"),
+        (TIME, _harder(FELT, 3.0, 5.0, 1.2), "1 of 6 rests felt other than gravity .the first, 3"),
+        (TIME, 0.5 * FELT, "gravity in no usual unit"),
+    ):
+        rows = imported(sensor_logger(tmp_path / "log.csv", time, felt), postures=str(file))
+        assert rows.assessment.level == "care"
+        assert any(re.search(says, note) for note in rows.notes), rows.notes
+
+
+REFUSED: dict[str, tuple[Callable[[Path], Path], str]] = {
+    "gravity taken out": (
+        lambda path: sensor_logger(path, TIME, 0.001 * FELT),
+        "take TotalAcceleration.csv (Android) or Gravity.csv",
+    ),
+    "linear acceleration of phyphox": (
+        lambda path: phyphox(path, TIME, 0.001 * FELT, name="Linear Acceleration"),
+        'record the experiment "Acceleration (with g)"',
+    ),
+    "g and m/s² mixed": (
+        lambda path: sensor_logger(path, TIME, _harder(FELT, 6.0, 9.0, 1 / 9.81)),
+        "multiply those in g by 9.80665",
+    ),
+    "a clock that was set back": (
+        lambda path: sensor_logger(path, np.where(TIME > 8.0, TIME - 3.0, TIME), FELT),
+        "runs backwards",
+    ),
+    "a clock that stands": (
+        lambda path: sensor_logger(path, 0.0 * TIME, FELT),
+        "one time in all rows",
+    ),
+    "ms without a unit": (
+        lambda path: table(path, "time,ax,ay,az", TIME * 1e3, FELT),
+        "rows 10 s apart",
+    ),
+}
+
+
+@pytest.mark.parametrize("what", REFUSED)
+def test_refused(what: str, tmp_path: Path) -> None:
+    write, says = REFUSED[what]
+    out = tmp_path / "out.csv"
+    assert says in refused("import", write(tmp_path / "log.csv"), "--out", out)
+    assert not out.exists()
+
+
+def test_an_arm_that_never_rests_and_a_duration_without_postures(tmp_path: Path) -> None:
+    swing = 9.81 * np.stack([np.sin(TIME), 0.0 * TIME, np.cos(TIME)], axis=1)
+    path = sensor_logger(tmp_path / "log.csv", TIME, swing)
+    file, _ = postures(tmp_path / "postures.csv", 6)
+    with pytest.raises(InputError, match="no rest of 1 s"):
+        imported(path, postures=str(file))
+    with pytest.raises(InputError, match="with it --postures"):
+        imported(path, seconds="2")
+
+
+def test_an_imu_of_a_recording_of_ros(tmp_path: Path) -> None:
+    pytest.importorskip("rosbags")
+    path = write_imu_recording(tmp_path / "run", joints=True)
+    rows = imported(path, imu_topic="/imu")
+    t, q = motion()
+    up = np.stack([np.sin(POSTURES[:, 0]), 0 * POSTURES[:, 0], np.cos(POSTURES[:, 0])], axis=1)
+    check(rows, up)
+    assert [*rows.columns] == [*JOINTS, "ax", "ay", "az", "std_deg", "time"]
+    alone = write_imu_recording(tmp_path / "alone", joints=False)
+    assert [*imported(alone).columns] == ["time", "ax", "ay", "az"]
+    table_of_joints = table(tmp_path / "joints.csv", ",".join(["time", *JOINTS]), t + 100.0, q)
+    check(imported(alone, postures=str(table_of_joints)), up)
+    with pytest.raises(InputError, match=r"--imu-topic"):
+        imported(path, imu_topic="/other")
