@@ -21,6 +21,8 @@ COLUMNS: Final = Option(
     several=True,
 )
 JOINT_NAMES: Final = ("*joint*", "*axis*", "q[0-9]", "q[0-9][0-9]", "j[0-9]", "j[0-9][0-9]")
+# What a column with the time of its row is called.
+CLOCKS: Final = ("time", "timestamp", "frame")
 # A time with its unit behind it, and how many of it make a second.
 _TIME: Final = re.compile(r"(?:time|timestamp|t)\s*[\[(](s|ms|us|µs|ns)[\])]", re.IGNORECASE)
 # As EuRoC calls them: the position of S from R in the axes of R, and the quaternion of S in R.

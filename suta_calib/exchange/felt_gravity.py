@@ -19,7 +19,7 @@ from suta_calib.exchange.clock import Clock
 from suta_calib.exchange.delimited import DELIMITED_OPTIONS, read_sheet
 from suta_calib.exchange.imported import ImportedRows
 from suta_calib.exchange.option import Given, Option
-from suta_calib.exchange.pose_table import read_without_options
+from suta_calib.exchange.pose_table import read_readings
 from suta_calib.exchange.reader import Reader
 from suta_calib.exchange.recorded_rests import SECONDS, Rest, found_rests, shortest_rest
 from suta_calib.exchange.sheet import Sheet
@@ -242,6 +242,9 @@ class GravityLog:
             still &= scatter < max(_QUIET, 2.0 * noise)
             rest = np.concatenate([np.repeat(still[:1], half), still, np.repeat(still[-1:], half)])
             edges = np.flatnonzero(np.diff(np.concatenate([[False], rest, [False]]).astype(int)))
+            # A motion is seen for as long as a window, what is shorter is noise.
+            breaks = np.flatnonzero(np.diff(edges)[1::2] < half)
+            edges = np.delete(edges, np.concatenate([2 * breaks + 1, 2 * breaks + 2]))
             for begin, end in edges.reshape(-1, 2).tolist():
                 last = min(end, len(time)) - 1
                 if time[last] - time[begin] + 2.0 * half * self.clock.step < seconds:
@@ -352,7 +355,7 @@ class _Postures:
     @classmethod
     def read(cls, path: Path, given: Given) -> _Postures:
         """A list of postures, or the rests in a recording of joints."""
-        rows = read_without_options(path)
+        rows = read_readings(path)
         if not isinstance(rows, ImportedRows):
             raise ForeignFileError(rows.sentence, "joint readings", file=path)
         columns = {n: v for n, v in rows.columns.items() if n not in ("time", *ACCELERATION)}

@@ -7,8 +7,12 @@ from dataclasses import replace
 from pathlib import Path
 
 from suta_calib.errors import ForeignFileError
+from suta_calib.exchange.column_names import CLOCKS, seconds_in
+from suta_calib.exchange.delimited import DELIMITED_OPTIONS, read_sheet
 from suta_calib.exchange.imported import Imported, ImportedRows
+from suta_calib.exchange.option import Given
 from suta_calib.exchange.reader import TABLE, read_foreign, recognised
+from suta_calib.exchange.table_roles import plain_name
 from suta_calib.measurements.csv_table import CsvTable, csv_table, read_csv_table
 
 
@@ -63,3 +67,21 @@ def read_without_options(path: Path, **options: str) -> Imported:
             where=problem.where,
             hint=f"{problem.hint}. Such options are those of {command}",
         ) from None
+
+
+def read_readings(path: Path) -> Imported:
+    """Joint readings of a foreign file, or of a table in which all numbers but times are readings.
+
+    Raises:
+        ForeignFileError: as `read_without_options`.
+    """
+    if recognised(path).name != TABLE:
+        return read_without_options(path)
+    sheet = read_sheet(path, Given(DELIMITED_OPTIONS, {}, TABLE))
+    numbers = [n for n, v in zip(sheet.names, sheet.values, strict=True) if v is not None and n]
+    joints = [
+        plain_name(name)[0]
+        for name in numbers
+        if name.lower() not in CLOCKS and not seconds_in(name)
+    ]
+    return read_without_options(path, **({"joints": ",".join(joints)} if sheet.headed else {}))

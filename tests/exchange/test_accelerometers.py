@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import re
+import shutil
 from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
-from cli_job import refused
+import yaml
+from cli_job import answer, refused
 from foreign import imported
 from phone_logs import (
     BEGIN,
@@ -27,6 +29,7 @@ from suta_calib.arrays import FloatArray
 from suta_calib.errors import InputError
 from suta_calib.exchange import ImportedRows
 from suta_calib.exchange.reader import recognised
+from suta_calib.measurements import read_csv_table
 from suta_calib.units import from_deg
 
 UP = directions()
@@ -227,6 +230,20 @@ def test_refused(what: str, tmp_path: Path) -> None:
     assert not out.exists()
 
 
+def test_postures_in_degrees(tmp_path: Path) -> None:
+    """Their names say it; numbers that look like degrees and do not say so are refused."""
+    path = sensor_logger(tmp_path / "log.csv", TIME, FELT)
+    file = tmp_path / "postures.csv"
+    rows = "\n".join(f"{10 * k},{5 * k}" for k in range(len(UP)))
+    file.write_text(f"lift [deg],flex_deg\n{rows}\n")
+    found = imported(path, postures=str(file))
+    assert found.columns["lift"] == pytest.approx(np.deg2rad(10 * np.arange(len(UP))))
+    assert found.columns["flex"] == pytest.approx(np.deg2rad(5 * np.arange(len(UP))))
+    file.write_text(f"lift,flex\n{rows}\n")
+    with pytest.raises(InputError, match=r"postures.csv.*look like degrees"):
+        imported(path, postures=str(file))
+
+
 def test_an_arm_that_never_rests_and_a_duration_without_postures(tmp_path: Path) -> None:
     swing = 9.81 * np.stack([np.sin(TIME), 0.0 * TIME, np.cos(TIME)], axis=1)
     path = sensor_logger(tmp_path / "log.csv", TIME, swing)
@@ -251,3 +268,28 @@ def test_an_imu_of_a_recording_of_ros(tmp_path: Path) -> None:
     check(imported(alone, postures=str(table_of_joints)), up)
     with pytest.raises(InputError, match=r"--imu-topic"):
         imported(path, imu_topic="/other")
+
+
+def test_a_log_becomes_the_zeros_of_an_arm(tmp_path: Path, repository: Path) -> None:
+    """The example's hand, felt as a log of Sensor Logger and imported, gives the same zeros."""
+    job = tmp_path / "phone"
+    shutil.copytree(repository / "examples" / "phone_on_arm", job)
+    samples = job / "simulated" / "hand" / "samples.csv"
+    told = read_csv_table(samples)
+    names = [name for name in told.columns if name not in ("ax", "ay", "az")]
+    q = np.column_stack([told.numbers(name) for name in names])
+    up = np.column_stack([told.numbers(name) for name in ("ax", "ay", "az")])
+    up /= np.linalg.norm(up, axis=1)[:, None]
+    path = sensor_logger(tmp_path / "Gravity.csv", *log(-up), "ios,false")
+    listed = tmp_path / "postures.csv"
+    listed.write_text(
+        "\n".join([",".join(names), *(",".join(map(repr, row)) for row in q.tolist())]) + "\n"
+    )
+    found = answer("import", path, "--postures", listed, "--out", samples)
+    assert found["rows"] == len(q)
+    result = answer("calibrate", job / "calibration.yaml")
+    truth = yaml.safe_load((job / "simulated" / "truth.yaml").read_text())["parameters"]
+    for name, true in truth.items():
+        estimate = result["parameters"][name]
+        off = np.rad2deg(estimate["value"]) - true["value_deg"]
+        assert abs(off) < 3.0 * np.rad2deg(estimate["std"]), name

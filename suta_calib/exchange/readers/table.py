@@ -15,6 +15,7 @@ from suta_calib.arrays import BoolArray, FloatArray
 from suta_calib.errors import ForeignFileError
 from suta_calib.exchange.cells import LENGTH_UNITS, is_plain_file
 from suta_calib.exchange.column_names import (
+    CLOCKS,
     COLUMNS,
     JOINT_NAMES,
     TUM,
@@ -65,8 +66,6 @@ FROM: Final = Option(
 )
 # Behind the name of a joint: which way it came, which is no reading.
 _DIRECTION: Final = ".direction"
-# What a column with the time of its row is called.
-_CLOCKS: Final = ("time", "timestamp", "frame")
 # Numbers of samples that are neither labels nor readings.
 _NO_JOINTS: Final = (TEMPERATURE, PAYLOAD, *(place.name for place in PAYLOAD_PLACE))
 # More than any joint turns that is read in rad, twice round and a little.
@@ -186,7 +185,7 @@ class _Columns:
     def _clock(self) -> FloatArray | None:
         """(n,) when the rows were taken, in whatever unit; None where they do not say."""
         for k, name in enumerate(self._names):
-            if plain_name(name)[0].lower() in _CLOCKS:
+            if plain_name(name)[0].lower() in CLOCKS:
                 return self._sheet.values[k]
         return None
 
@@ -382,7 +381,7 @@ class _Columns:
     def _likely(self) -> list[str]:
         """Columns of numbers that are neither a pose nor a label: joint readings, perhaps."""
         taken = {k for pose in self._poses for k in (*pose.position, *pose.rotation)}
-        labels = {*_labels(), *_CLOCKS, *_NO_JOINTS}
+        labels = {*_labels(), *CLOCKS, *_NO_JOINTS}
         return [
             name
             for k, name in enumerate(self._names)
