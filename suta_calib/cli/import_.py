@@ -13,7 +13,7 @@ from suta_calib.cli._options import PATH, WRITTEN, flag, option, optional_arm, u
 from suta_calib.cli._output import answer_command
 from suta_calib.exchange.aligned import aligned
 from suta_calib.exchange.pose_table import read_without_options
-from suta_calib.exchange.reader import import_formats, read_foreign
+from suta_calib.exchange.reader import TABLE, import_formats, read_foreign, recognised
 from suta_calib.inputs import UrdfFile
 from suta_calib.report.document import Document
 from suta_calib.report.exchange import formats_document, imported_document
@@ -67,7 +67,10 @@ def import_(
     arm = optional_arm(urdf, tip, base, "is rigidly connected to what OTHER saw")
     if arm is not None and align is None:
         raise click.UsageError("--urdf and --tip are for --align OTHER")
-    imported = read_foreign(source, form, **with_file(options, mapping))
+    given = with_file(options, mapping)
+    if arm is not None and (form or recognised(source).name) == TABLE:
+        given = {"joints": arm.joints, **given}
+    imported = read_foreign(source, form, **given)
     if align is not None:
         imported = aligned(imported, read_without_options(align), arm)
     if file is not None:

@@ -7,15 +7,15 @@ from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from suta_calib.arrays import FloatArray
 from suta_calib.errors import ForeignFileError
-from suta_calib.exchange.clock import Between, Clock
+from suta_calib.exchange.clock import Clock
 from suta_calib.exchange.clock_alignment import ClockAlignment, Recorded, align_clocks
-from suta_calib.exchange.imported import Imported, ImportedRows, pose_columns
+from suta_calib.exchange.imported import Imported, ImportedRows
+from suta_calib.exchange.moving_rows import MovingRows, joined
 from suta_calib.exchange.tracked_bodies import PAIR, Body
-from suta_calib.geometry.numbers import rotation_from_quaternion, wrap
+from suta_calib.geometry.numbers import rotation_from_quaternion
 from suta_calib.measurements.csv_table import rotation_columns
 from suta_calib.measurements.pose_files import OTHER_UNIT
 from suta_calib.model.arm import ArmModel
@@ -74,83 +74,31 @@ def aligned(first: Imported, second: Imported, arm: ArmModel | None = None) -> A
     """
     of_first = _series(first, arm)
     of_second = _series(second, None)
-    alignment, coarser = align_clocks(of_first.recorded, of_second.recorded)
-    _check_scale(alignment, of_second.recorded.path)
-    slow, fast = (of_second, of_first) if coarser else (of_first, of_second)
-    time = slow.recorded.clock.time
-    other = alignment.first_times(time) if coarser else alignment.second_times(time)
-    between = Between.of(fast.recorded.clock, other)
-    rows = np.flatnonzero(between.known)
-    kept = Between(between.rows[rows], between.weights[rows], between.known[rows])
+    first_body, second_body = _recorded(of_first), _recorded(of_second)
+    alignment = align_clocks(first_body, second_body)
+    _check_scale(alignment, of_second.path)
     prefixes = ("", "") if arm is not None else PAIR
-    slow_columns, fast_columns = slow.rows(rows), fast.between(kept)
-    ours, theirs = (fast_columns, slow_columns) if coarser else (slow_columns, fast_columns)
-    columns: dict[str, NDArray[Any]] = {_TIME: (other if coarser else time)[rows]}
-    columns |= _prefixed(ours, prefixes[0]) | _prefixed(theirs, prefixes[1])
-    beside = {**slow.beside}
-    columns |= {n: v[slow.recorded.clock.rows[rows]] for n, v in beside.items() if n not in columns}
+    clocks = alignment.first_times, alignment.second_times
+    rows = joined(of_first, of_second, prefixes, *clocks)
     return AlignedRows(
         source=first.source,
         form=first.form,
-        columns=columns,
-        dropped=len(time) - len(rows),
+        columns=rows.columns,
+        dropped=rows.dropped,
         notes=(*_notes(alignment, of_first, of_second), *first.notes, *second.notes),
-        remarks=(*_remarks(alignment, of_first, of_second, fast), *first.remarks),
+        remarks=(*_remarks(alignment, of_first, of_second, rows.interpolated), *first.remarks),
         alignment=alignment,
         other=second.source,
-        interpolated=fast.recorded.path,
+        interpolated=rows.interpolated.path,
     )
 
 
-@dataclass(frozen=True, eq=False)
-class _Series:
-    """A recording, and what of it is written.
-
-    Attributes:
-        recorded: the poses that are compared.
-        joints: readings (n,) of its clock's times by name, rad or m; none of a recording of poses.
-        turning: names of those that turn.
-        beside: further columns, (k,) of all rows of its file.
-    """
-
-    recorded: Recorded
-    joints: dict[str, FloatArray]
-    turning: frozenset[str]
-    beside: dict[str, NDArray[Any]]
-
-    def rows(self, rows: NDArray[np.intp]) -> dict[str, FloatArray]:
-        """Columns at some of its rows."""
-        if self.joints:
-            return {name: values[rows] for name, values in self.joints.items()}
-        body = self.recorded.body.take(rows)
-        return pose_columns(body.position, body.rotation)
-
-    def between(self, between: Between) -> dict[str, FloatArray]:
-        """Columns at times between its rows."""
-        if not self.joints:
-            body = self.recorded.at(between)
-            return pose_columns(body.position, body.rotation)
-        columns = {}
-        for name, values in self.joints.items():
-            about = values[between.rows[:, 1]]
-            away = values[between.rows] - about[:, None]
-            away = wrap(away) if name in self.turning else away
-            columns[name] = about + (between.weights * away).sum(axis=1)
-        return columns
-
-    @property
-    def speed(self) -> float:
-        """Speed of the body that 95 % of its rows do not exceed, m/s."""
-        time, position = self.recorded.clock.time, self.recorded.body.position
-        way = np.linalg.norm(np.diff(position, axis=0), axis=1)
-        return float(np.quantile(way / np.diff(time), 0.95))
+def _recorded(rows: MovingRows) -> Recorded:
+    assert rows.body is not None
+    return Recorded(rows.path, rows.clock, rows.body)
 
 
-def _prefixed(columns: dict[str, FloatArray], prefix: str) -> dict[str, FloatArray]:
-    return {prefix + name: values for name, values in columns.items()}
-
-
-def _series(imported: Imported, arm: ArmModel | None) -> _Series:
+def _series(imported: Imported, arm: ArmModel | None) -> MovingRows:
     """A recording that can be aligned.
 
     Raises:
@@ -166,7 +114,7 @@ def _series(imported: Imported, arm: ArmModel | None) -> _Series:
         hint = "name it with --columns NAME=time, or --columns 'NAME=time [ms]'"
         raise ForeignFileError(listed(list(columns), 16), expected, file=path, hint=hint)
     clock = Clock.of(path, numbers[_TIME])
-    joints, turning = dict[str, FloatArray](), frozenset[str]()
+    joints = dict[str, FloatArray]()
     if arm is not None:
         missing = [name for name in arm.joints if name not in numbers]
         if missing:
@@ -174,7 +122,6 @@ def _series(imported: Imported, arm: ArmModel | None) -> _Series:
             found = f"columns {listed(list(columns), 16)}, without {listed(missing)}"
             raise ForeignFileError(found, expected, file=path)
         joints = {name: numbers[name][clock.rows] for name in arm.joints}
-        turning = frozenset(j.name for j in arm.readings if j.type != "prismatic")
         rotation, position = arm.forward(np.column_stack(list(joints.values())))
         body, used = Body(position, rotation), {*joints}
     else:
@@ -182,7 +129,7 @@ def _series(imported: Imported, arm: ArmModel | None) -> _Series:
     recorded = Recorded(path, clock, body)
     tame = recorded if arm is not None else recorded.without_wild_poses()
     beside = {n: v for n, v in columns.items() if n not in used and n != _TIME}
-    return _Series(tame, joints, turning, beside)
+    return MovingRows(path, tame.clock, joints, tame.body, beside)
 
 
 def _body(path: Path, columns: Any, clock: Clock) -> tuple[Body, set[str]]:
@@ -226,21 +173,21 @@ def _check_scale(alignment: ClockAlignment, path: Path) -> None:
         raise ForeignFileError(found, "lengths in m in both", file=path, hint=hint)
 
 
-def _notes(alignment: ClockAlignment, first: _Series, second: _Series) -> list[str]:
+def _notes(alignment: ClockAlignment, first: MovingRows, second: MovingRows) -> list[str]:
     """What must be known of the alignment, one sentence each."""
-    notes = [*first.recorded.clock.notes, *second.recorded.clock.notes]
+    notes = [*first.clock.notes, *second.clock.notes]
     least, most = _SCALES
     if alignment.step is not None:
         size, where = alignment.step
         notes.append(
-            f"The clocks jump against each other: that of {second.recorded.path.name} by "
+            f"The clocks jump against each other: that of {second.path.name} by "
             f"about {ms(size):+.0f} ms near its time {where:.1f} s. One shift and one drift do not "
             "fit both parts: cut the recordings there and align the parts by themselves."
         )
     if alignment.scale < least or alignment.scale > most:
         notes.append(
-            f"Lengths in {second.recorded.path.name} are {alignment.scale:.3g} times those in "
-            f"{first.recorded.path.name}. The shift does not depend on that, but a calibration "
+            f"Lengths in {second.path.name} are {alignment.scale:.3g} times those in "
+            f"{first.path.name}. The shift does not depend on that, but a calibration "
             "does: check the unit, and the size of the marker or board."
         )
     if alignment.travel < _SAME_TRAVEL:
@@ -259,20 +206,21 @@ def _notes(alignment: ClockAlignment, first: _Series, second: _Series) -> list[s
     return notes
 
 
-def _effect(alignment: ClockAlignment, first: _Series) -> str:
-    way = text(first.speed * alignment.worst_std, "m", with_unit=True)
-    return (
-        f"At {first.speed:.2g} m/s, which 95 % of the rows do not exceed, this is {way} at the tip."
-    )
+def _effect(alignment: ClockAlignment, first: MovingRows) -> str:
+    assert first.body is not None
+    ways = np.linalg.norm(np.diff(first.body.position, axis=0), axis=1)
+    speed = float(np.quantile(ways / np.diff(first.clock.time), 0.95))
+    way = text(speed * alignment.worst_std, "m", with_unit=True)
+    return f"At {speed:.2g} m/s, which 95 % of the rows do not exceed, this is {way} at the tip."
 
 
 def _remarks(
-    alignment: ClockAlignment, first: _Series, second: _Series, fast: _Series
+    alignment: ClockAlignment, first: MovingRows, second: MovingRows, fast: MovingRows
 ) -> tuple[str, ...]:
-    clocks = (first.recorded.clock, second.recorded.clock)
+    clocks = (first.clock, second.clock)
     remarks = [
         f"Both cover {alignment.overlap:.4g} s. No time there is worse than "
         f"± {ms(alignment.worst_std):.2g} ms. {_effect(alignment, first)}",
-        f"{fast.recorded.path.name} is interpolated at the times of the other recording.",
+        f"{fast.path.name} is interpolated at the times of the other recording.",
     ]
     return (*remarks, *(remark for clock in clocks for remark in clock.remarks))

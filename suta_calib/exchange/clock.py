@@ -48,6 +48,8 @@ class Clock:
             ForeignFileError: times that run backwards, do not change, or are in a unit that
                 nothing tells.
         """
+        if len(stamps) < 2:
+            raise ForeignFileError(f"{len(stamps)} rows", "a recording", file=path)
         if not np.isfinite(stamps).all():
             raise ForeignFileError("a time that is no number", "a time in each row", file=path)
         stamps, remark = cls.in_seconds(stamps)

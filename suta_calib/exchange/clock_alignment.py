@@ -19,9 +19,10 @@ from suta_calib.arrays import BoolArray, FloatArray, IntArray
 from suta_calib.display import Displayable
 from suta_calib.errors import ForeignFileError
 from suta_calib.exchange.clock import Between, Clock
+from suta_calib.exchange.moving_rows import poses_between
 from suta_calib.exchange.tracked_bodies import Body
 from suta_calib.geometry.numbers import vector_from_rotation
-from suta_calib.geometry.screws import motion_from_twist, screw_invariants, twist_from_motion
+from suta_calib.geometry.screws import screw_invariants
 from suta_calib.units import deg, from_deg, from_mm, ms
 
 # Largest drift looked for. Two quartzes differ by 0.01 %; frames that are counted and taken for 30
@@ -90,20 +91,6 @@ class Recorded:
             if step.rotation is not None
         )
         return (near[0], around[0]), (near[1], around[1])
-
-    def at(self, between: Between) -> Body:
-        """Its poses between the rows, on SE(3); of a row where nothing is known."""
-        assert self.body.rotation is not None
-        first = self.body.take(between.rows[:, 1])
-        twist = np.zeros((len(between.rows), 6))
-        for k in (0, 2, 3):
-            step = self.body.take(between.rows[:, k]).relative_to(first)
-            assert step.rotation is not None
-            twist += between.weights[:, [k]] * twist_from_motion(step.rotation, step.position)
-        turn, way = motion_from_twist(twist)
-        assert first.rotation is not None
-        position = first.position + (first.rotation @ way[..., None])[..., 0]
-        return Body(position, first.rotation @ turn)
 
 
 @dataclass(frozen=True, eq=False)
@@ -176,8 +163,8 @@ class _Fit:
     agreement: float
 
 
-def align_clocks(first: Recorded, second: Recorded) -> tuple[ClockAlignment, bool]:
-    """How two clocks belong together, and whether the second recording is the coarser.
+def align_clocks(first: Recorded, second: Recorded) -> ClockAlignment:
+    """How the clocks of two recordings belong together.
 
     Raises:
         ForeignFileError: too short a recording, one that does not turn, motions that differ, or
@@ -219,7 +206,7 @@ def align_clocks(first: Recorded, second: Recorded) -> tuple[ClockAlignment, boo
             file=second.path,
             hint="turn faster, and let the motion start and stop often",
         )
-    return alignment, coarser
+    return alignment
 
 
 def _check_motion(recorded: Recorded) -> None:
@@ -283,7 +270,7 @@ class _Search:
     def _seen(self, shift: float, drift: float) -> list[FloatArray]:
         """The invariants (k, 2) of the fast recording, of each span; NaN where it has none."""
         between = Between.of(self._fast.clock, self._other(shift, drift))
-        body = self._fast.at(between)
+        body = poses_between(self._fast.body, between)
         seen = [_invariants(body, pairs) for pairs in self._pairs]
         for pairs, numbers in zip(self._pairs, seen, strict=True):
             numbers[~between.known[pairs].all(axis=1)] = np.nan

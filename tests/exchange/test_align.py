@@ -275,3 +275,34 @@ def test_what_belongs_to_an_alignment_alone(tmp_path: Path, suta_urdf: Path) -> 
     err = refused("import", path, "--align", path, "--urdf", suta_urdf, "--tip", "tip")
     assert "without joint_1" in err
     assert "an input of the same command" in refused("import", path, "--align", path, "--out", path)
+
+
+def test_joints_may_have_any_names(tmp_path: Path) -> None:
+    """Those of the arm are its readings, whatever they are called."""
+    text = (
+        '<robot name="two"><link name="base"/><link name="arm"/><link name="tip"/>'
+        '<joint name="lift" type="revolute"><parent link="base"/><child link="arm"/>'
+        '<axis xyz="0 1 0"/><limit lower="-3" upper="3" effort="1" velocity="1"/></joint>'
+        '<joint name="roll" type="revolute"><parent link="arm"/><child link="tip"/>'
+        '<origin xyz="0.3 0 0.1"/><axis xyz="1 0 0"/>'
+        '<limit lower="-3" upper="3" effort="1" velocity="1"/></joint></robot>'
+    )
+    urdf = tmp_path / "two.urdf"
+    urdf.write_text(text)
+    arm, t = ArmModel.from_urdf(urdf, "tip"), np.arange(0.0, 30.0, 0.02)
+
+    def readings(at: FloatArray) -> FloatArray:
+        lift = np.sin(0.7 * at) + 0.4 * np.sin(1.9 * at)
+        return np.stack([lift, 0.8 * np.sin(1.3 * at + 1.0)], axis=1)
+
+    def tip(at: FloatArray) -> Body:
+        rotation, position = arm.forward(readings(at))
+        return Body(position, rotation)
+
+    path = tmp_path / "joints.csv"
+    rows = np.column_stack([t, readings(t)]).tolist()
+    path.write_text("\n".join(["time,lift,roll", *(",".join(map(repr, r)) for r in rows)]) + "\n")
+    other = seen(tip, np.arange(1.0, 28.0, 0.02), 3).write(tmp_path / "target.csv")
+    told = answer("import", path, "--align", other, "--urdf", urdf, "--tip", "tip")
+    found = told["alignment"]
+    assert found["at_s"] * DRIFT + SHIFT == pytest.approx(found["shift_s"], abs=1e-3)

@@ -89,8 +89,8 @@ def test_a_mujoco_model_in_place_of_a_urdf(
     assert cli("calibrate", job) == 2
     command = f"suta-calib import {shlex.quote(str(model))} --format mjcf --out 'my arm.urdf'"
     assert command in capsys.readouterr().err
-    assert cli("init", model) == 2
-    assert "the chains of the file end at 'hand'" in capsys.readouterr().err
+    assert cli("init", model, "--out", tmp_path / "only") == 0
+    assert "the tip is hand, at the end of the only chain" in capsys.readouterr().err
     new = tmp_path / "new"
     assert cli("init", model, "--tip", "hand", "--out", new) == 0
     assert str(new / "my arm.urdf") in capsys.readouterr().out

@@ -90,3 +90,22 @@ def test_joints_that_tell_of_themselves_in_messages_of_their_own(tmp_path: Path)
     found = imported(write_recording(tmp_path / "run", parted=True), pose_topic="/tool")
     readings = np.stack([found.columns[name] for name in JOINTS], axis=1)
     np.testing.assert_allclose(readings, POSTURES, atol=1e-9)
+
+
+def test_every_row_of_a_moving_arm(tmp_path: Path) -> None:
+    """Rows at the recorded times, of which a calibration in motion is made; poses beside them."""
+    path = write_recording(tmp_path / "run", parted=True)
+    time, q = motion()
+    alone = imported(path, moving=True, body="tool", reference="tracker")
+    assert [*alone.columns] == ["time", *JOINTS, *"xyz", "qx", "qy", "qz", "qw"]
+    rows = imported(path, moving=True, pose_topic="/tool")
+    at = rows.columns["time"] - 100.0
+    readings = np.stack([rows.columns[name] for name in JOINTS], axis=1)
+    expected = np.stack([np.interp(at, time, values) for values in q.T], axis=1)
+    # In the rows next to a rest the motion has a corner.
+    assert np.quantile(np.abs(readings - expected).max(axis=1), 0.9) < 1e-6
+    position = np.stack([rows.columns[axis] for axis in "xyz"], axis=1)
+    assert np.quantile(np.abs(position - seen(expected)[1]).max(axis=1), 0.9) < 1e-6
+    assert len(rows) > 0.95 * len(time)
+    with pytest.raises(InputError, match=r"--moving left out"):
+        imported(path, moving=True, imu_topic="/imu")

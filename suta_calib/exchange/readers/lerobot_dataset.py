@@ -14,6 +14,7 @@ from suta_calib.errors import ForeignFileError
 from suta_calib.exchange.cells import is_folder, is_plain_file, read_json
 from suta_calib.exchange.imported import ImportedRows
 from suta_calib.exchange.lerobot_motors import MOTORS
+from suta_calib.exchange.moving_rows import MOVING, moving_arm
 from suta_calib.exchange.option import Given, Option
 from suta_calib.exchange.reader import Reader
 from suta_calib.exchange.recorded_rests import SECONDS, found_rests, imported_rests
@@ -37,7 +38,7 @@ class LerobotDatasetReader(Reader):
     name = "lerobot-dataset"
     summary = "LeRobot dataset (a folder with meta/info.json): rests of its states"
     example = "my_dataset --state-unit deg --motors elbow_flex=joint_3 --out a.csv"
-    options = (STATE_UNIT, MOTORS, SECONDS, COMPLETE)
+    options = (STATE_UNIT, MOTORS, SECONDS, MOVING, COMPLETE)
     extra = "parquet"
 
     def recognises(self, path: Path, head: str) -> bool:
@@ -66,6 +67,8 @@ class LerobotDatasetReader(Reader):
         joints = [renamed.get(name, name) for name in names]
         if len(set(joints)) < len(joints):
             raise given.refuse(MOTORS, f"the joints {listed(joints)}", "each joint only once")
+        if MOVING in given:
+            return moving_arm(path, self.name, dict(zip(joints, angles.T, strict=True)), time)
         rests = found_rests(path, joints, time, angles, given)
         return imported_rests(path, self.name, joints, rests)
 

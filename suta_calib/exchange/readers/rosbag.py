@@ -14,8 +14,10 @@ from suta_calib.arrays import FloatArray
 from suta_calib.atomic import note_input
 from suta_calib.errors import ForeignFileError, MissingExtraError
 from suta_calib.exchange.cells import is_folder, is_plain_file
+from suta_calib.exchange.clock import Between, Clock
 from suta_calib.exchange.felt_gravity import POSTURES, GravityLog
 from suta_calib.exchange.imported import ImportedRows, checked_places
+from suta_calib.exchange.moving_rows import MOVING, MovingRows, moving_arm
 from suta_calib.exchange.option import Given, Option
 from suta_calib.exchange.reader import Reader
 from suta_calib.exchange.recorded_rests import (
@@ -89,7 +91,7 @@ class RosbagReader(Reader):
             INVERT,
             SECONDS,
         ),
-        POSTURES,
+        *(POSTURES, MOVING),
     )
     extra = "ros"
 
@@ -127,9 +129,15 @@ class RosbagReader(Reader):
             # Whose pose it is was said when it was put together.
             left = {"prefix": given.text(PREFIX) or None, "invert": INVERT in given}
             return recording.imported(self.name, Given(self.options, left, self.name))
-        names, time, angles = _together(path, joints, bag.joints[joints])
         if poses is not None and INVERT in given:
             poses = poses[0], poses[1].inverse()
+        if MOVING in given:
+            for option in (IMAGE_TOPIC, IMU_TOPIC):
+                if option in given:
+                    raise given.refuse(option, "a moving arm", f"{MOVING.switch} left out: rests")
+            moving = _in_motion(path, bag.joints[joints])
+            return moving_arm(path, self.name, *moving, poses, given.text(PREFIX))
+        names, time, angles = _together(path, joints, bag.joints[joints])
         rests = found_rests(path, names, time, angles, given)
         pictures = _pictures(path, bag, rests, given) if IMAGE_TOPIC in given else None
         seen = dict[str, list[Seen | None]]()
@@ -178,6 +186,30 @@ def _together(
         problem = f"no time at which {topic} contains every joint of {listed(names)}"
         raise ForeignFileError(problem, "all of them within 0.5 s", file=path)
     return names, np.array(time), np.array(angles)
+
+
+def _in_motion(
+    path: Path, messages: Sequence[tuple[float, dict[str, float]]]
+) -> tuple[dict[str, FloatArray], FloatArray]:
+    """Readings of all joints, and times (n,), s, at which the joint that is told most rarely was.
+
+    Joints of other messages are interpolated: of a moving arm, what was told last does not hold.
+    """
+    told = dict[str, list[tuple[float, float]]]()
+    for at, row in messages:
+        for name, value in row.items():
+            told.setdefault(name, []).append((at, value))
+    each = dict[str, MovingRows]()
+    for name, values in sorted(told.items()):
+        time, readings = np.array(sorted(values)).T
+        clock = Clock.of(path, time)
+        each[name] = MovingRows(path, clock, {name: readings[clock.rows]}, None)
+    slowest = max(each.values(), key=lambda rows: rows.clock.step)
+    at_rows = slowest.clock.time
+    between = {name: Between.of(rows.clock, at_rows) for name, rows in each.items()}
+    known = np.all([where.known for where in between.values()], axis=0)
+    found = {name: rows.between(between[name])[name][known] for name, rows in each.items()}
+    return found, at_rows[known]
 
 
 def _felt(path: Path, bag: _Bag, given: Given) -> GravityLog:
