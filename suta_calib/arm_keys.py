@@ -46,7 +46,7 @@ from suta_calib.model.parameters import (
     coupling_key,
 )
 from suta_calib.model.robot import Robot, chosen_chain
-from suta_calib.model.tilt import TiltSensor
+from suta_calib.model.tilt import MOUNT, UP, TiltSensor
 from suta_calib.terms.given_pose import POSE_KEYS, GivenPose
 from suta_calib.units import from_mm
 from suta_calib.words import seen_from
@@ -566,16 +566,27 @@ class ArmSpec(Displayable):
         return arm
 
     def mechanism_of(
-        self, urdf: UrdfFile, pairs: Iterable[tuple[str, str]] = ()
+        self,
+        urdf: UrdfFile,
+        nominal: ArmModel | Robot,
+        pairs: Iterable[tuple[str, str]] = (),
     ) -> ArmModel | Robot:
         """`mechanism` as another URDF has it, such as the calibrated one.
+
+        Args:
+            urdf: the other.
+            nominal: the job's arm, whose tilt sensors are mounted as its samples have it.
+            pairs: as of `mechanism`.
 
         Raises:
             UrdfError: the file cannot be used, or has no such tip or base.
             JobError: it has no joints that are coupled so.
         """
         # The tip's offset is in the URDF already; couplings are in none.
-        return self._of(urdf).mechanism(pairs)
+        sensors = nominal.tilt_sensors
+        arm = replace(self._of(urdf), tilt_sensors=sensors).mechanism(pairs)
+        mounted = {name for s in sensors for name in (*s.names(*MOUNT), *UP)}
+        return arm.at({name: nominal.nongeometric[name].nominal for name in mounted})
 
     def _of(self, urdf: UrdfFile) -> ArmSpec:
         chains = {n: replace(chain, tip_offset=None) for n, chain in self.chains.items()}

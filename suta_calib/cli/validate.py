@@ -49,7 +49,7 @@ def validate(urdf: UrdfFile, job: Path, result: Path | None, anyway: bool) -> Do
             where="validation",
         )
     arm = loaded.spec.arm
-    other = arm.mechanism_of(urdf, loaded.spec.pairs)
+    other = arm.mechanism_of(urdf, loaded.arm, loaded.spec.pairs)
     beside, uncertainty = dict[str, float](), None
     if result is not None:
         calibration = read_uncertainty(result, other, anyway=anyway)

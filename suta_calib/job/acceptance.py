@@ -331,8 +331,15 @@ def _of_calibration(path: Path, urdf: UrdfFile | None, chain: str) -> Acceptance
     """Lengths and articulations of a calibration: from its held-out data where it has them."""
     job = CalibrationJob.load(path)
     own = arm = job.arm.chosen(chain)
+    if own.tilt_sensors:
+        raise JobError(
+            "a calibration with tilt sensors",
+            "one of an arm whose tip follows from its joints alone: that is what is accepted",
+            file=path,
+            where="arm.tilt_sensors",
+        )
     if urdf is not None:
-        arm = job.spec.arm.mechanism_of(urdf, job.spec.pairs).chosen(chain)
+        arm = job.spec.arm.mechanism_of(urdf, job.arm, job.spec.pairs).chosen(chain)
         if arm.joints != own.joints:
             raise UrdfError(
                 f"the moving joints {', '.join(arm.joints)}",

@@ -33,7 +33,7 @@ from suta_calib.plotting.scene import Scene
 from suta_calib.solver.options import SolverOptions
 from suta_calib.solver.problem import Problem
 from suta_calib.solver.robot_bases import with_bases_found
-from suta_calib.solver.sensor_mounts import with_sensors_mounted
+from suta_calib.solver.sensor_mounts import over_mounted, with_sensors_mounted
 from suta_calib.solver.solution import Estimate, Solution
 from suta_calib.solver.solve import Progress, solve
 from suta_calib.terms import Term
@@ -118,7 +118,11 @@ class CalibrationJob(Displayable):
         observations = [read(row, fitted=True) for row in spec.observations]
         validation = [read(row) for row in spec.validation]
         terms = held_together(spec, observations, validation)
-        return cls(spec, arm, _found_before(terms[0], parameters), *terms)
+        if arm.tilt_sensors:
+            arm = with_sensors_mounted(arm, terms[0])
+            terms = over_mounted(arm, terms[0]), over_mounted(arm, terms[1])
+            parameters = arm.select(*spec.parameters)
+        return cls(spec, arm, with_bases_found(terms[0], parameters), *terms)
 
     @classmethod
     def of_terms(
@@ -164,7 +168,11 @@ class CalibrationJob(Displayable):
             tuple(map(row_of, held_out)),
         )
         terms = held_together(spec, fitted, held_out)
-        parameters = _found_before(terms[0], parameters)
+        if arm.tilt_sensors:
+            arm = with_sensors_mounted(arm, terms[0])
+            terms = over_mounted(arm, terms[0]), over_mounted(arm, terms[1])
+            _, parameters = unknowns_of(arm, free)
+        parameters = with_bases_found(terms[0], parameters)
         return cls(spec, arm, parameters, *terms, chosen=options)
 
     @property
@@ -448,11 +456,6 @@ class Calibration(Displayable):
             if not row.seating and row.artefact in wide
         ]
         return notes
-
-
-def _found_before(terms: Sequence[Term], parameters: ParameterSet) -> ParameterSet:
-    """The unknowns, some of them about where they roughly are."""
-    return with_bases_found(terms, with_sensors_mounted(terms, parameters))
 
 
 def _spec_of(arm: ArmModel | Robot) -> ArmSpec:

@@ -8,7 +8,7 @@ from typing import Final
 
 import numpy as np
 
-from suta_calib.arrays import BoolArray, FloatArray
+from suta_calib.arrays import BoolArray, FloatArray, IntArray
 from suta_calib.errors import SamplesError
 from suta_calib.measurements.csv_table import CsvTable, number_in
 
@@ -50,6 +50,18 @@ def up_felt(vectors: FloatArray) -> FloatArray:
     rest = at_rest(vectors)
     length = np.linalg.norm(vectors, axis=1)
     return np.where(rest[:, None], vectors / np.where(rest, length, 1.0)[:, None], 0.0)
+
+
+def averaged(up: FloatArray, rests: IntArray) -> FloatArray:
+    """(n, 3) mean of each rest, for all of its rows; zeros where none of them has a reading.
+
+    Args:
+        up: (n, 3) as of `up_felt`.
+        rests: (n,) one number, from 0, for rows that were read while nothing moved.
+    """
+    sums = np.stack([np.bincount(rests, column) for column in up.T], axis=1)
+    length = np.linalg.norm(sums, axis=1, keepdims=True)
+    return (sums / np.where(length > 0, length, 1.0))[rests]
 
 
 def look_like_accelerometers(tables: Sequence[CsvTable], taken: Collection[str]) -> Iterator[Three]:

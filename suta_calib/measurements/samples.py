@@ -23,6 +23,8 @@ STROKE: Final = "stroke"
 Array = TypeVar("Array", bound=NDArray[Any])
 # What an arm may be, °C; kelvins are beyond.
 TEMPERATURES: Final = (-60.0, 150.0)
+# What is said of an arm beside its readings: `tilt` is what sensors of the arm make of `felt`.
+Told = Literal["direction", "warmth", "payload", "tilt"]
 # Attributes that have a row for each sample, where they are there at all.
 _BY_ROW: Final = (
     *("q", "position", "rotation", "pixels", "direction", "temperature", "payload"),
@@ -79,12 +81,12 @@ class Samples(Displayable):
         return len(self.q)
 
     @property
-    def conditions(self) -> dict[Literal["direction", "warmth", "payload"], FloatArray]:
+    def conditions(self) -> dict[Told, FloatArray]:
         """What is said of the arm beside its readings.
 
         `direction`, K above 20 °C, (n, 1), and `payload`.
         """
-        found: dict[Literal["direction", "warmth", "payload"], FloatArray] = {}
+        found: dict[Told, FloatArray] = {}
         if self.direction is not None:
             found["direction"] = self.direction
         if self.temperature is not None:

@@ -246,10 +246,9 @@ class ArmModel(Mechanism):
         ]
         arm.tilted = tuple(
             TiltedLink(
-                found[link],
+                self._upright(found[link]),
                 self.links[link],
                 given[link] if link in given else self.carried_by(link)[1],
-                self.up @ self.link_rotations(link, np.zeros((1, len(self.joints))))[0],
                 3 * k,
             )
             for k, link in enumerate(leaning)
@@ -258,6 +257,14 @@ class ArmModel(Mechanism):
         more += up_parameters() if arm.tilted else ()
         arm.nongeometric = ParameterSet([*self.nongeometric.values(), *more])
         return arm
+
+    def _upright(self, sensor: TiltSensor) -> TiltSensor:
+        """A sensor of which it is known which way is up in its link."""
+        if sensor.upright is not None:
+            return sensor
+        rotation = self.link_rotations(sensor.link, np.zeros((1, len(self.joints))))[0]
+        x, y, z = (self.up @ rotation).tolist()
+        return replace(sensor, upright=(x, y, z))
 
     @property
     def links(self) -> dict[str, str]:

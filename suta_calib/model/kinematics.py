@@ -65,9 +65,10 @@ from suta_calib.model.parameters import (
     PLACEMENT,
     POSITION,
     ROTATION,
+    SHARE,
     coupling_key,
 )
-from suta_calib.model.tilt import MOUNT, SHARE, TURN, UP, TiltedLink
+from suta_calib.model.tilt import MOUNT, TURN, UP, TiltedLink
 
 Motion = Literal["revolute", "prismatic", "fixed"]
 # From which side joints came, how warm the arm was, what its tip carried, and how links leaned.
@@ -269,7 +270,7 @@ class _Walk:
         sensor, reach = link.sensor, ca.DM(_snapped(link.reach))
         (share, turn), mount = sensor.names(SHARE, TURN), sensor.names(*MOUNT)
         mounted, mount_axes = _turned()(ca.vertcat(*map(self.value, mount)))
-        upright = ca.DM(_snapped(link.upright))
+        upright = ca.DM(_snapped(np.array(sensor.upright)))
         turning, along = _spun()(ca.SX.eye(3), upright, self.value(turn))
         in_link = turning @ mounted @ self.felt[link.column : link.column + 3]
         shown = self.rotation @ in_link

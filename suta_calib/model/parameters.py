@@ -41,6 +41,8 @@ BACKLASH: Final = "backlash"
 EXPANSION: Final = "expansion"
 # How far another joint's reading moves a joint too: a key for each of the others.
 COUPLING: Final = "coupling"
+# Where a link with a tilt sensor turns (`model.tilt`).
+SHARE: Final = "share"
 # Owner of what all links of an arm have in common.
 LINKS: Final = "links"
 # An eccentric encoder disc gives the first harmonic, a tilted or oval one the second.
@@ -60,8 +62,8 @@ ECCENTRICITY: Final = (*FAMILIES["ecc_1"], *FAMILIES["ecc_2"])
 # How these keys begin: globs reach them only where they say so.
 _NONGEOMETRIC: Final = (
     *("ecc", COMPLIANCE, MASS, GAIN, BACKLASH, EXPANSION, COUPLING),
-    # Of a link with a tilt sensor (`model.tilt`).
-    *("share", "turn", "mount", "up_"),
+    # Of tilt sensors.
+    *(SHARE, "turn", "mount", "up_"),
 )
 # Lengths and angles of the size that moves the tip of a metre-long arm by a centimetre, and what
 # yields as much to the torque of a few kilograms, or grows as much in ten degrees; a tenth of such
@@ -169,6 +171,8 @@ class Parameter:
 
     def in_urdf(self, value: float) -> bool:
         """Whether a URDF can hold this value of it, or has it already."""
+        if self.key == SHARE:
+            return False
         return self.geometric or value == (self.nominal if self.key == MASS else 0.0)
 
     @property

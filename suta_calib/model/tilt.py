@@ -28,9 +28,8 @@ from typing import Final
 
 from suta_calib.arrays import FloatArray
 from suta_calib.display import Displayable
-from suta_calib.model.parameters import Parameter, Selection
+from suta_calib.model.parameters import SHARE, Parameter, Selection
 
-SHARE: Final = "share"
 TURN: Final = "turn"
 # A rotation vector, sensor to link.
 MOUNT: Final = ("mount_rx", "mount_ry", "mount_rz")
@@ -39,6 +38,11 @@ _UP_KEYS: Final = ("up_rx", "up_ry", "up_rz")
 UP: Final = tuple(f"tilt.{key}" for key in _UP_KEYS)
 # Nobody says where a sensor's axes point: anywhere about the vertical.
 _ANY_TURN: Final = 3.2
+
+
+def is_share(name: str) -> bool:
+    """Whether a parameter says where a link with a sensor turns."""
+    return name.startswith("tilt[") and name.endswith(f"].{SHARE}")
 
 
 @dataclass(frozen=True)
@@ -50,11 +54,14 @@ class TiltSensor(Displayable):
         columns: of its readings along its own x, y and z, in any one unit; at rest they point up.
             ``LINK_ax, LINK_ay, LINK_az`` where nobody says.
         rpy: how it is turned in the link, rad, as in a URDF; None where nobody says.
+        upright: which way is up in the link where all readings are zero; None for as the URDF of
+            the arm has it.
     """
 
     link: str
     columns: tuple[str, str, str] = ("", "", "")
     rpy: tuple[float, float, float] | None = None
+    upright: tuple[float, float, float] | None = None
 
     def __post_init__(self) -> None:
         if not any(self.columns):
@@ -86,6 +93,11 @@ class TiltSensor(Displayable):
         )
 
     @property
+    def all_parameters(self) -> tuple[Parameter, ...]:
+        """With what all sensors share."""
+        return (*self.parameters, *up_parameters())
+
+    @property
     def selections(self) -> Iterator[Selection]:
         """Rows among a job's parameters: the mounting is found before, and stays."""
         turns = [TURN] if self.rpy is None else []
@@ -106,12 +118,10 @@ class TiltedLink:
         sensor: on it.
         behind: owner of the segment that leads to it; empty for the base.
         reach: (3,) from its origin to the joints that it carries, in its frame, m.
-        upright: (3,) which way is up in its frame where all readings are zero.
         column: where its reading begins among those of all sensors of the chain.
     """
 
     sensor: TiltSensor
     behind: str
     reach: FloatArray
-    upright: FloatArray
     column: int

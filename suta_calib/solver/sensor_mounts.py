@@ -14,7 +14,7 @@ where no link turns against gravity, and a turn of a sensor about the vertical.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from typing import TypeVar
 
 import numpy as np
 
@@ -26,7 +26,8 @@ from suta_calib.geometry.numbers import (
     skew,
     vector_from_rotation,
 )
-from suta_calib.model.parameters import ParameterSet
+from suta_calib.model.arm import ArmModel
+from suta_calib.model.robot import Robot, same_chain
 from suta_calib.model.tilt import MOUNT, UP, TiltSensor
 from suta_calib.terms.poses import ArmPoses
 from suta_calib.terms.term import Term
@@ -35,8 +36,21 @@ from suta_calib.terms.term import Term
 _SAID = 1e-3
 
 
-def with_sensors_mounted(terms: Sequence[Term], parameters: ParameterSet) -> ParameterSet:
-    """The unknowns, with the mountings of tilt sensors and what is up as the samples have them."""
+_AnyArm = TypeVar("_AnyArm", ArmModel, Robot, ArmModel | Robot)
+
+
+def over_mounted(arm: ArmModel | Robot, terms: Sequence[Term]) -> tuple[Term, ...]:
+    """Terms over an arm as terms over the same arm at other values."""
+    return tuple(
+        term.over_poses(ArmPoses(same_chain(term.poses.arm, arm), term.poses.samples))
+        if isinstance(term.poses, ArmPoses)
+        else term
+        for term in terms
+    )
+
+
+def with_sensors_mounted(arm: _AnyArm, terms: Sequence[Term]) -> _AnyArm:
+    """The arm, with the mountings of its sensors and what is up as samples have them."""
     poses = [term.poses for term in terms if isinstance(term.poses, ArmPoses)]
     by_sensor = dict[TiltSensor, list[tuple[FloatArray, FloatArray]]]()
     for each in poses:
@@ -49,7 +63,7 @@ def with_sensors_mounted(terms: Sequence[Term], parameters: ParameterSet) -> Par
                 in_root = each.arm.root_axes @ rotation
                 by_sensor.setdefault(link.sensor, []).append((in_root, felt[rows]))
     if not by_sensor:
-        return parameters
+        return arm
     up = next(each.arm.root_axes @ each.arm.up for each in poses if each.arm.tilted)
     data = {s: tuple(map(np.concatenate, zip(*d, strict=True))) for s, d in by_sensor.items()}
     lean, mounts = _agreeing(up, data)
@@ -57,10 +71,7 @@ def with_sensors_mounted(terms: Sequence[Term], parameters: ParameterSet) -> Par
     for sensor, mount in mounts.items():
         vector = vector_from_rotation(mount)
         found |= dict(zip(sensor.names(*MOUNT), vector.tolist(), strict=True))
-    return ParameterSet(
-        replace(p, nominal=found[name]) if name in found and not p.free else p
-        for name, p in parameters.items()
-    )
+    return arm.at(found)
 
 
 def _agreeing(

@@ -19,7 +19,7 @@ from scipy.spatial import KDTree
 
 from suta_calib.arrays import FloatArray, IntArray
 from suta_calib.errors import SamplesError
-from suta_calib.measurements.felt import rows_not_used, up_felt
+from suta_calib.measurements.felt import averaged, rows_not_used, up_felt
 from suta_calib.measurements.sample_files import JointRange, check_readings
 from suta_calib.measurements.samples import Samples
 from suta_calib.model.bodies import ALONE, Bodies
@@ -149,11 +149,15 @@ class ArmPoses(PoseSource):
         self._levers = _Levers(arm, samples.q[:: 1 + len(samples) // 50])
         self._standing = _Standing(samples.q, loads=samples.payload)
         # What most rows felt tells which of them were at rest.
-        self._up_felt = {
-            sensor.felt: up_felt(samples.felt[sensor.felt])
-            for sensor in arm.tilt_sensors
-            if sensor.felt in samples.felt
-        }
+        there = [s.felt for s in arm.tilt_sensors if s.felt in samples.felt]
+        rests = self._one_after_the_other() if there else np.zeros(0, dtype=np.intp)
+        self._up_felt = {name: averaged(up_felt(samples.felt[name]), rests) for name in there}
+
+    def _one_after_the_other(self) -> IntArray:
+        """(n,) one number for rows that were read one after the other at one rest."""
+        files = np.array([file for file, _ in self.samples.files()])
+        begins = (np.diff(self.rests) != 0) | (np.diff(files) != 0)
+        return np.concatenate([[0], np.cumsum(begins)]).astype(np.intp)
 
     @property
     def reach(self) -> float:
@@ -185,9 +189,7 @@ class ArmPoses(PoseSource):
     def conditions(self) -> Mapping[Condition, FloatArray]:
         """What is said of the arm beside its readings, as its kinematics take it."""
         felt, sensors = self.samples.felt, self.arm.tilt_sensors
-        told: dict[Condition, FloatArray] = {}
-        for name, numbers in self.samples.conditions.items():
-            told[name] = numbers
+        told: dict[Condition, FloatArray] = self.samples.conditions
         if any(sensor.felt in felt for sensor in sensors):
             nothing = np.zeros((len(self), 3))
             told["tilt"] = np.hstack([self._up_felt.get(s.felt, nothing) for s in sensors])

@@ -33,6 +33,7 @@ from suta_calib.model.chain import ChainJoint
 from suta_calib.model.kinematics import Segment
 from suta_calib.model.parameters import OFFSET, PLACEMENT, POSITION
 from suta_calib.model.robot import AnyArm, placed_joints
+from suta_calib.model.tilt import is_share
 from suta_calib.model.urdf import folded_origin
 from suta_calib.simulation.inverse_kinematics import InverseKinematics
 from suta_calib.trust.tip import sensitivity
@@ -219,6 +220,14 @@ def read_uncertainty(
         )
     refuse_unusable(data, path, anyway=anyway)
     offered = set(arm.offered.names)
+    if leaning := [name for name in parameters if is_share(name) and name not in offered]:
+        raise InputError(
+            f"{leaning[0]}: tilt sensors correct this arm in every row",
+            "an arm whose tip follows from its joints alone: nothing here reads the sensors",
+            file=path,
+            where="parameters",
+            hint="suta-calib validate uses them; without --result the arm is as the URDF has it",
+        )
     entries = {name: entry for name, entry in parameters.items() if name in offered}
     estimated = [name for name, entry in entries.items() if entry.get("std") is not None]
     if not entries:

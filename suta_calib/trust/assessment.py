@@ -4,7 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 
+import numpy as np
+
+from suta_calib.arrays import FloatArray
 from suta_calib.assessment import Assessment, Level, attempt, judge
+from suta_calib.geometry.numbers import register_points, rms_length
+from suta_calib.model.robot import AnyArm
 from suta_calib.solver.solution import Solution
 from suta_calib.terms import ArmPoses, Term
 from suta_calib.trust.accuracy import Accuracy
@@ -299,7 +304,11 @@ def _beside_geometry(
     arm = solution.problem.arm
     beside = {} if arm is None else arm.nongeometric
     estimates = solution.arm_estimates.items()
-    if held := [n for n, e in estimates if n in beside and not beside[n].in_urdf(e.value)]:
+    if arm is not None and arm.tilt_sensors:
+        notes.append(_on_tilt_sensors(solution, arm))
+    tilts = {p.name for s in arm.tilt_sensors for p in s.all_parameters} if arm else set[str]()
+    lost = [n for n, e in estimates if n in beside and not beside[n].in_urdf(e.value)]
+    if held := [name for name in lost if name not in tilts]:
         notes.append(
             f"A URDF cannot hold {listed(held)}. calibrated.urdf has the geometry only, and is not "
             "accurate alone: use it with the corrections in result.json (track and validate apply "
@@ -312,6 +321,24 @@ def _beside_geometry(
     if arm is None or not suspect:
         return notes
     return [*notes, *(_like_an_error(fewer, examined.accuracy) or _like_geometry(examined, fewer))]
+
+
+def _on_tilt_sensors(solution: Solution, arm: AnyArm) -> str:
+    """That no URDF holds them, and how far they move the tip beside a constant lean of the arm."""
+    values, moved = solution.values, list[FloatArray]()
+    for poses in (term.poses for term in solution.problem.terms):
+        if isinstance(poses, ArmPoses) and "tilt" in poses.conditions:
+            _, leaning = poses.at(values)
+            _, level = poses.arm.forward(poses.samples.q, values, poses.samples.conditions)
+            rotation, position = register_points(level, leaning)
+            moved.append(leaning - level @ rotation.T - position)
+    links = listed([sensor.link for sensor in arm.tilt_sensors])
+    size = text(rms_length(np.vstack(moved)), "m", with_unit=True) if moved else "an amount"
+    return (
+        f"The tilt sensors of {links} move the tip by {size} (RMS). A URDF cannot hold this: "
+        "calibrated.urdf is the arm without them. validate uses them, with --result result.json; "
+        "track has no readings of them."
+    )
 
 
 def _like_an_error(fewer: CalibrationExamination, accuracy: Accuracy) -> list[str]:

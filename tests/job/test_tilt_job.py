@@ -7,11 +7,26 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from suta_calib import ArmModel
 from suta_calib.errors import InputError
+from suta_calib.exchange import read_result
+from suta_calib.exchange.writer import write_foreign
 from suta_calib.geometry.numbers import rotation_from_vector
 from suta_calib.job import CalibrationJob
 from suta_calib.job.calibration import Calibration
-from tests.support.column_robot import GROUND, STATION, Measured, built, measured, written
+from suta_calib.terms import ArmPoses
+from suta_calib.tracking.uncertainty import read_uncertainty
+from tests.support.cli_job import answer
+from tests.support.column_robot import (
+    GROUND,
+    STATION,
+    Measured,
+    built,
+    column_robot,
+    measured,
+    tracked,
+    written,
+)
 
 NOISE = 2e-4
 
@@ -105,3 +120,42 @@ def test_a_sensor_that_hangs_upside_down(sets: dict[str, Measured], tmp_path: Pa
     mount = [p.nominal for n, p in job.parameters.items() if n.startswith("tilt[base_link].mount")]
     up = rotation_from_vector(mount) @ felt["base_link"].mean(axis=0) / 9.81
     assert up[2] > 0.99
+
+
+def test_readings_of_one_rest_are_averaged(sets: dict[str, Measured]) -> None:
+    data, rng = sets["one"], np.random.default_rng(5)
+    twice = Measured(
+        np.repeat(data.q, 2, axis=0),
+        {link: np.repeat(felt, 2, axis=0) for link, felt in data.felt.items()},
+        np.repeat(data.position, 2, axis=0),
+        data.lean,
+    )
+    noisy = {
+        link: felt + 0.01 * rng.standard_normal(felt.shape) for link, felt in twice.felt.items()
+    }
+    poses = tracked(column_robot(), Measured(twice.q, noisy, twice.position, data.lean)).poses
+    assert isinstance(poses, ArmPoses)
+    told = poses.conditions["tilt"]
+    np.testing.assert_array_equal(told[::2], told[1::2])
+    exact = tracked(column_robot(), twice).poses
+    assert isinstance(exact, ArmPoses)
+    off = told - exact.conditions["tilt"]
+    # Of two readings in m/s², against gravity.
+    assert np.std(off[:, :2]) < 1.2 * 0.01 / 9.81 / np.sqrt(2)
+
+
+def test_a_result_is_validated_exported_and_not_tracked(
+    result: Calibration, sets: dict[str, Measured], tmp_path: Path
+) -> None:
+    job, out = written(tmp_path, sets), tmp_path / "results"
+    assert any("sensors of base_link, column move the tip" in n for n in result.assessment.notes)
+    answer("calibrate", job, "--out", out)
+    urdf, record = out / "calibrated.urdf", out / "result.json"
+    found = answer("validate", urdf, job, "--result", record)["metrics"]["validation"]["after"]
+    rms = result.metrics["validation"]["after"].rms
+    assert abs(found["rms_mm"] - 1e3 * rms) < 0.01
+    read = read_result(out)
+    exported = write_foreign(read, "urdf")
+    assert "tilt[column].share" in exported.lost
+    with pytest.raises(InputError, match="tilt sensors correct this arm"):
+        read_uncertainty(record, ArmModel.from_urdf(urdf, "tip"))
