@@ -70,6 +70,7 @@ from .terms import PairwiseDistance as PairwiseDistance
 from .terms import Seating as Seating
 from .terms import SensorMount as SensorMount
 from .terms import Term as Term
+from .terms import TimeOffset as TimeOffset
 from .terms import TouchedLandmark as TouchedLandmark
 from .terms import TouchedLine as TouchedLine
 from .terms import TouchedPlane as TouchedPlane

@@ -24,7 +24,7 @@ from suta_calib.measurements import (
     read_artefact,
     read_samples,
 )
-from suta_calib.measurements.sample_files import has_readings
+from suta_calib.measurements.sample_files import TIME, has_column, has_readings
 from suta_calib.model.arm import ArmModel
 from suta_calib.model.parameters import Parameter
 from suta_calib.model.robot import Robot
@@ -35,10 +35,12 @@ from suta_calib.trust.patterns import may_read_alike
 from suta_calib.words import seen_from
 
 
-def read_arm_samples(arm: ArmModel, files: Sequence[Path], kind: str) -> Samples:
-    """Samples of an arm for one kind of observation."""
+def read_arm_samples(
+    arm: ArmModel, files: Sequence[Path], kind: str, *, time: bool = False
+) -> Samples:
+    """Samples of an arm for one kind of observation, perhaps with the time of each."""
     felt = [sensor.columns for sensor in arm.tilt_sensors]
-    return read_samples(files, joint_ranges(arm), KINDS[kind].columns, felt)
+    return read_samples(files, joint_ranges(arm), replace(KINDS[kind].columns, time=time), felt)
 
 
 def read_term(
@@ -66,7 +68,7 @@ def read_term(
     # yield.
     arm = mechanism.laid_out[name] if isinstance(mechanism, Robot) else mechanism
     try:
-        samples = read_arm_samples(arm, row.sample_files, row.kind)
+        samples = read_arm_samples(arm, row.sample_files, row.kind, time=_timed(row))
     except (EmptyCellError, MissingColumnError) as error:
         hint = _of_other_chain(mechanism, name, error) if isinstance(mechanism, Robot) else ""
         if not hint:
@@ -86,6 +88,16 @@ def read_term(
         term = KINDS[row.kind].over(ArmPoses(arm, samples), setup)
         term = replace(term, given=row.given) if row.given else term
         term = replace(term, scale=row.scale) if row.scale else term
+        if samples.time is not None:
+            term = replace(term, time_offset=row.time_offset)
+        elif row.time_offset is not None:
+            warnings.warn(
+                f"{job}:{row.line}: samples without a column time, although the clock of "
+                f"{row.label} has a time offset. It is not applied to them: right for an arm that "
+                "rested at each row",
+                SutaCalibWarning,
+                stacklevel=3,
+            )
         term.check_given()
         if fitted:
             term.check_enough()
@@ -111,6 +123,13 @@ def _of_other_chain(robot: Robot, chain: str, error: SamplesError) -> str:
         return ""
     remedy = "" if chain in between else f"write chain: {others}, or "
     return f"the file has the joints of {others}: {remedy}name another file"
+
+
+def _timed(row: ObservationSpec) -> bool:
+    """Whether the times of its samples are read."""
+    if row.time_offset is None:
+        return False
+    return row.time or all(has_column(path, TIME) for path in row.sample_files)
 
 
 def held_together(

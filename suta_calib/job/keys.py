@@ -18,11 +18,13 @@ from suta_calib.measurements.fields import (
     Field,
     Fields,
     Value,
+    mapping,
     quantity,
 )
 from suta_calib.measurements.scale import SCALE_KEYS
 from suta_calib.measurements.yaml_file import YamlSection
 from suta_calib.terms import KINDS, Seating, every_grouping
+from suta_calib.terms.clock import TimeOffset
 from suta_calib.terms.given_pose import POSE_KEYS
 from suta_calib.units import Unit, key
 
@@ -121,6 +123,13 @@ COMMON_KEYS: Final = Fields(
         "seating",
         Value("mapping", _read_seating, SEATING_KEYS),
         "Clearance of the artefact's sockets; the seating error is estimated too.",
+    ),
+    Field(
+        "time_offset_ms",
+        mapping(TimeOffset),
+        "The instrument, or camera, sees a moving arm and has a clock of its own: its time offset "
+        "is estimated too, for all rows with this label. The samples have a column time, in s.",
+        given_attribute="time_offset",
     ),
     Field(
         "pose",

@@ -36,6 +36,7 @@ from suta_calib.measurements.scale import SCALE_KEYS, LengthScale
 from suta_calib.measurements.yaml_file import YamlSection, read_yaml
 from suta_calib.model.parameters import Selection
 from suta_calib.terms import KINDS, GivenPose, Seating, Term
+from suta_calib.terms.clock import TimeOffset
 from suta_calib.terms.given_pose import POSE_KEYS
 from suta_calib.trust.rule import Rule
 
@@ -63,6 +64,8 @@ class ObservationSpec(Displayable):
         base_chain: the chain from whose tip it is seen; empty for its own base.
         link: what carries what is seen; empty for the tip. In a job that was read, ``chain`` is
             then the chain to this link.
+        time_offset: what is known of the clock of what sees; None where it has that of the arm.
+        time: whether the samples must say when they were taken; else they may.
     """
 
     kind: str
@@ -84,6 +87,8 @@ class ObservationSpec(Displayable):
     chain: str = ""
     base_chain: str = ""
     link: str = ""
+    time_offset: TimeOffset | None = None
+    time: bool = True
 
 
 @dataclass(frozen=True)
@@ -197,6 +202,7 @@ def _useful(kind: type[Term]) -> set[str]:
     useful -= set() if kind.has_angles else {*_ANGLE_KEYS}
     useful -= set() if kind.unit == "mm" else {*_LENGTH_KEYS}
     useful -= set() if kind.measures_lengths() else {*SCALE_KEYS.names}
+    useful -= {"time_offset_ms"} if kind.medium == "touch" else set()
     return useful | {key.name for key in kind.keys} | {frame.key for frame in kind.frames}
 
 
@@ -284,6 +290,7 @@ def read_job(path: Path) -> JobSpec:
     # Later rows win: what the job says of the tip, and of couplings, counts.
     for row, section in _rows(spec, top):
         spec.arm.check_chain(section, row.chain, row.base_chain)
+    spec = _with_clocks(spec, top)
     arm, rows_of_chains = arm.on_links((*spec.observations, *spec.validation))
     fitted = len(spec.observations)
     return replace(
@@ -293,6 +300,36 @@ def read_job(path: Path) -> JobSpec:
         observations=tuple(rows_of_chains[:fitted]),
         validation=tuple(rows_of_chains[fitted:]),
     )
+
+
+def _with_clocks(spec: JobSpec, top: YamlSection) -> JobSpec:
+    """What one row says of a clock holds for all rows with the same instrument or camera."""
+    clocks = dict[tuple[str, str, str, str], TimeOffset]()
+    for row, section in _rows(spec, top):
+        offset = row.time_offset
+        if offset is not None and clocks.setdefault(_instrument(row), offset) != offset:
+            raise section.refuse(
+                f"another time offset than in an earlier row with the label {row.label!r}",
+                "one clock per label",
+                at=("time_offset_ms",),
+                hint="write the same in both rows, or give the second one another label",
+            )
+
+    def clocked(rows: tuple[ObservationSpec, ...]) -> tuple[ObservationSpec, ...]:
+        return tuple(
+            replace(row, time_offset=clocks[_instrument(row)], time=False)
+            if row.time_offset is None and _instrument(row) in clocks
+            else row
+            for row in rows
+        )
+
+    return replace(
+        spec, observations=clocked(spec.observations), validation=clocked(spec.validation)
+    )
+
+
+def _instrument(row: ObservationSpec) -> tuple[str, str, str, str]:
+    return row.kind, row.label, row.chain, row.base_chain
 
 
 def _rows(spec: JobSpec, top: YamlSection) -> Iterator[tuple[ObservationSpec, YamlSection]]:

@@ -41,6 +41,7 @@ from suta_calib.measurements.samples import STROKE, TEMPERATURES, Samples
 from suta_calib.units import FARTHEST
 
 TEMPERATURE = "temperature"
+TIME = "time"
 # What the tip carries: a mass, and where its centre is in the frame of the tip.
 PAYLOAD = "payload_kg"
 PAYLOAD_PLACE = tuple(NumberColumn(f"payload_{axis}", "m") for axis in "xyz")
@@ -88,6 +89,7 @@ class SampleColumns(Displayable):
         common_labels: label columns that all the files have, or none of them.
         numbers: columns of measured lengths, angles and plain numbers.
         pixels: whether points of a board are seen in pictures, which have a file of their own.
+        time: whether ``time``, s, is read.
         position: whether ``x, y, z`` (m), or ``x_mm, y_mm, z_mm``, are required.
         position_sigma: whether their standard deviations, ``sigma_x, sigma_y, sigma_z`` or one
             ``sigma`` (m, or in mm with ``_mm``), are read; all the files have them, or none.
@@ -104,6 +106,7 @@ class SampleColumns(Displayable):
     numbers: tuple[NumberColumn, ...] = ()
     about: Mapping[str, str] = field(default_factory=dict)
     pixels: bool = False
+    time: bool = False
 
 
 @checked
@@ -226,6 +229,11 @@ def has_no_rows(path: Path) -> bool:
     return len(lines) == 1 and not lines[0].startswith("#")
 
 
+def has_column(path: Path, name: str) -> bool:
+    """Whether a samples file has a column of this name."""
+    return name in read_csv_table(path).columns
+
+
 def _tell_of_slides(samples: Samples, joints: Sequence[JointRange]) -> None:
     """Warn of a prismatic joint that is read where it cannot have been, unless its zero is else."""
     for joint, q in zip(joints, samples.q.T, strict=True):
@@ -271,6 +279,7 @@ def _samples(
         temperature=_temperatures(table) if warm else None,
         position_sigma=position_sigmas(table) if columns.position_sigma else None,
         payload=_payloads(table, loaded) if loaded else None,
+        time=table.numbers(TIME, "a column time, in s, of a moving arm") if columns.time else None,
     )
 
 
@@ -501,6 +510,7 @@ def check_joint_names(joints: Sequence[str], columns: SampleColumns) -> None:
     taken |= {*position_columns()} if columns.position else set()
     taken |= {*position_sigma_columns()} if columns.position_sigma else set()
     taken |= {*rotation_columns()} if columns.orientation != "none" else set()
+    taken |= {TIME} if columns.time else set()
     for joint in joints:
         if joint in taken:
             raise SamplesError(
@@ -521,7 +531,11 @@ def write_samples(path: Path, samples: Samples) -> None:
         OutputError: the file cannot be written; what was there is untouched.
         SamplesError: two columns would have the same name.
     """
-    columns: list[tuple[str, NDArray[Any]]] = [*zip(samples.joints, samples.q.T, strict=True)]
+    times = [] if samples.time is None else [(TIME, samples.time)]
+    columns: list[tuple[str, NDArray[Any]]] = [
+        *times,
+        *zip(samples.joints, samples.q.T, strict=True),
+    ]
     if samples.position is not None:
         columns += zip("xyz", samples.position.T, strict=True)
     if samples.rotation is not None:

@@ -10,10 +10,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from suta_calib import plotting
-from suta_calib.arrays import FloatArray
+from suta_calib.arrays import BoolArray, FloatArray
 from suta_calib.display import Displayable
 from suta_calib.errors import SamplesError
 from suta_calib.geometry.numbers import are_rotations
+from suta_calib.measurements.motion import Motion, TimedRows, motion_of
 from suta_calib.plotting.look import MOST_LABELLED
 from suta_calib.plotting.scene import PlacedPoints, Posable, Scene, drawn_rows
 from suta_calib.units import FARTHEST, REFERENCE_TEMPERATURE
@@ -28,7 +29,7 @@ Told = Literal["direction", "warmth", "payload", "tilt"]
 # Attributes that have a row for each sample, where they are there at all.
 _BY_ROW: Final = (
     *("q", "position", "rotation", "pixels", "direction", "temperature", "payload"),
-    "position_sigma",
+    *("position_sigma", "time"),
 )
 
 
@@ -57,6 +58,9 @@ class Samples(Displayable):
             nobody says.
         felt: (n, 3) what accelerometers on links felt, in any unit, by their three columns, such as
             ``base_ax,base_ay,base_az``; zeros where one has no reading.
+        time: (n,) when each row was taken, s, on the clock of whoever read the joints; None where
+            nobody says.
+        motion: how the arm moved between the rows, where that has been asked for.
     """
 
     joints: tuple[str, ...]
@@ -72,6 +76,8 @@ class Samples(Displayable):
     position_sigma: FloatArray | None = None
     payload: FloatArray | None = None
     felt: Mapping[str, FloatArray] = field(default_factory=dict)
+    time: FloatArray | None = None
+    motion: Motion | None = None
 
     def __post_init__(self) -> None:
         if not self.origin:
@@ -112,6 +118,7 @@ class Samples(Displayable):
         pixels: ArrayLike | None = None,
         payload: ArrayLike | None = None,
         felt: Mapping[str, ArrayLike] | None = None,
+        time: ArrayLike | None = None,
     ) -> Samples:
         """Samples from copies of arrays, checked; shapes and units as the class's attributes.
 
@@ -147,6 +154,7 @@ class Samples(Displayable):
             else positive("position_sigma", position_sigma, (n, 3)),
             payload=None if payload is None else _payloads(payload, n),
             felt={name: finite(name, v, (n, 3)) for name, v in (felt or {}).items()},
+            time=None if time is None else finite("time", time, (n,)),
         )
 
     def scene(self, arm: Posable) -> Scene:
@@ -217,6 +225,22 @@ class Samples(Displayable):
             last, line = name, at
             yield file, name or "the samples"
 
+    def in_motion(self, turning: BoolArray) -> Samples:
+        """The same with how the arm moved between the rows, by the times that they have.
+
+        Args:
+            turning: (joints,) joints that are where they were after a full turn of their reading.
+
+        Raises:
+            SamplesError: no times, or such that tell nothing of the motion between the rows.
+        """
+        if self.time is None:
+            hint = "without it, remove time_offset_ms"
+            raise SamplesError("no time", "when each row was taken, in s", where="time", hint=hint)
+        files = np.array([file for file, _ in self.files()], dtype=np.intp)
+        rows = TimedRows(self.time, self.q, files, self.origin)
+        return replace(self, motion=motion_of(rows, turning))
+
     def hashes(self) -> NDArray[np.uint64]:
         """(n,) equal where `as_keys` are, and hardly ever elsewhere; much faster."""
         return hashed(self._compared)
@@ -268,13 +292,16 @@ class Samples(Displayable):
             return _frozen(array)
 
         direction = None if self.direction is None else wider(self.direction)
-        return replace(self, joints=tuple(joints), q=wider(self.q), direction=direction)
+        motion = self.motion and self.motion.over_joints(np.array(places), len(joints))
+        names = tuple(joints)
+        return replace(self, joints=names, q=wider(self.q), direction=direction, motion=motion)
 
     def take(self, index: ArrayLike | slice) -> Samples:
         """Rows by number (repeats allowed, as in a bootstrap), by boolean mask or by slice."""
         rows = np.arange(len(self))[index if isinstance(index, slice) else np.asarray(index)]
         origin = tuple(self.origin[row] for row in rows)
-        return self._made([self], lambda arrays: arrays[0][rows], origin)
+        taken = self._made([self], lambda arrays: arrays[0][rows], origin)
+        return taken if self.motion is None else replace(taken, motion=self.motion.take(rows))
 
     @classmethod
     def _made(

@@ -12,6 +12,7 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any, final
 
+import casadi as ca
 import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
@@ -599,6 +600,19 @@ class ArmModel(Mechanism):
                 _ = self.offered[name]
         return _kinematics(self, tuple(names), tuple(conditions), rows)
 
+    def swing(self, names: Sequence[str], conditions: Iterable[Condition] = ()) -> Symbol:
+        """CasADi function of how fast the tip moves while the readings change.
+
+        Args:
+            names: of parameters that become inputs.
+            conditions: what is said of a sample beside its readings.
+
+        Returns:
+            ``ca.Function(theta, q, rate (readings), conditions…) -> velocity (6)``: of the tip's
+            origin, then angular, along the axes of the base, per unit of what the rate is per.
+        """
+        return _swing(self, tuple(names), tuple(conditions))
+
     def forward(
         self,
         q: ArrayLike,
@@ -706,6 +720,19 @@ def _kinematics(
     chain = arm.segments, names, nominal, arm.loads, arm.down, conditions, rows, width
     leaning = arm.tilted, arm.root_axes
     return _kinematics_of(pickle.dumps((*chain, arm.closed, arm.hung, *leaning)))
+
+
+@lru_cache(maxsize=16)
+def _swing(arm: ArmModel, names: tuple[str, ...], conditions: tuple[Condition, ...]) -> Symbol:
+    """`ArmModel.swing` of this arm."""
+    kinematics = arm.function(names, conditions, 0)
+    symbols = [ca.SX.sym(f"in{k}", kinematics.size1_in(k)) for k in range(kinematics.n_in())]
+    rate = ca.SX.sym("rate", symbols[1].numel())
+    rotation, position, _ = kinematics(*symbols)
+    turn = ca.reshape(ca.jtimes(rotation, symbols[1], rate), 3, 3) @ ca.reshape(rotation, 3, 3).T
+    velocity = ca.vertcat(ca.jtimes(position, symbols[1], rate), ca.inv_skew(turn))
+    inputs = [*symbols[:2], rate, *symbols[2:]]
+    return ca.Function("swing", inputs, [ca.densify(velocity)])
 
 
 # A URDF is read again by every job over it, and its kinematics would be composed again.

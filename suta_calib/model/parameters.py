@@ -76,6 +76,7 @@ SCALE: Final[dict[Unit, float]] = {
     "1/K": 1e-3,
     "px": 1.0,
     "1": 0.01,
+    "s": 0.01,
 }
 # How far the base of a robot in a cell may be from where its URDF has it: anywhere in the room.
 PLAUSIBLE_BASE: Final[dict[Unit, float]] = {"m": 0.5, "rad": 1.0}
@@ -89,6 +90,8 @@ PLAUSIBLE: Final[dict[Unit, float]] = {
     # Plastics; steel has 12e-6, aluminium 23e-6.
     "1/K": 1e-4,
     "px": 20.0,
+    # Clocks that are not set by each other, and what a driver waits for.
+    "s": 0.1,
     # A turn that is read 18° too long: no gear, and hardly a potentiometer, is so wrong.
     "1": 0.05,
 }
@@ -121,7 +124,7 @@ class Parameter:
         key: which of the owner's numbers it is, e.g. ``z``, ``rx``, ``offset``, ``ecc_c1``; empty
             for its only one.
         unit: ``m``, ``rad``, ``rad/Nm``, ``kg``, ``1/K``, ``1`` for a gain or a coupling; of a
-            camera ``px`` and ``1``.
+            camera ``px`` and ``1``; of a clock ``s``.
         nominal: where it starts, and where it stays if nothing can be said of it.
         lower, upper: bounds of the value, infinite where there is none.
         prior: standard deviation of a Gaussian prior about nominal, or None.

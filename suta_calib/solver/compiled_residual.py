@@ -114,9 +114,11 @@ class Kernel:
         own_columns: (n, m) which of all own parameters each row looks at.
         velocity_rows: six times the number of all samples.
         own_count: number of all own parameters.
+        clocked: whether the last own column is not the residual's but moves the poses in time.
 
     Attributes:
         pattern: where the rows' derivatives belong in the whole Jacobian.
+        known_sigma: (n,) standard deviation of rows that is known beforehand.
     """
 
     def __init__(
@@ -126,8 +128,12 @@ class Kernel:
         own_columns: IntArray,
         velocity_rows: int,
         own_count: int,
+        *,
+        clocked: bool = False,
     ) -> None:
         n, poses = block.samples.shape
+        all_columns = own_columns
+        own_columns = own_columns[:, :-1] if clocked else own_columns
         # What every row looks at alike is computed once for all of them.
         same_own = bool(n) and bool(np.all(own_columns == own_columns[0]))
         self._own = own_columns[0] if same_own else own_columns
@@ -150,26 +156,49 @@ class Kernel:
         self._ahead = None if ahead is None else Batched(ahead, 1, [0])
         self._batch.inputs[-1][:] = block.data
         self._shape = (n, block.size, len(columns))
-        self._known_sigma, self._spread = block.known_sigma, (math.nan, block.known_sigma)
+        self.known_sigma, self._spread = block.known_sigma, (math.nan, block.known_sigma)
         which, component = np.divmod(columns, 6)
         pose_columns = 6 * samples[:, which] + component
-        self.pattern = RowPattern(block, pose_columns, own_columns, velocity_rows, own_count)
+        self.pattern = RowPattern(block, pose_columns, all_columns, velocity_rows, own_count)
+        self._in_time = pose_columns if clocked else None
+
+    def add_uncertainty(self, by_pose: FloatArray, uncertainty: FloatArray) -> None:
+        """Add to what is known of the rows' noise that of their poses (6·samples,), m and rad."""
+        if self._in_time is not None:
+            of_poses = (by_pose * uncertainty[self._in_time][:, None]) ** 2
+            of_rows = np.sqrt(of_poses.sum(axis=2).mean(axis=1))
+            self.known_sigma = np.hypot(self.known_sigma, of_rows)
+            self._spread = math.nan, self.known_sigma
 
     def spread(self, sigma: float) -> FloatArray:
         """(n,) standard deviation of one component of each row, for a noise level; read only."""
         # A descent asks for the same one at every step.
         if self._spread[0] != sigma:
-            self._spread = sigma, np.hypot(sigma, self._known_sigma)
+            self._spread = sigma, np.hypot(sigma, self.known_sigma)
         return self._spread[1]
 
     def __call__(
-        self, rotation: FloatArray, position: FloatArray, own_values: FloatArray
+        self,
+        rotation: FloatArray,
+        position: FloatArray,
+        own_values: FloatArray,
+        rate: FloatArray,
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Residuals (n, d), derivatives by pose velocities (n, d, c) and own parameters (n, d, m).
 
-        Of rotations (samples, 9), column by column, positions (samples, 3), m, and all own
-        parameters. They are views of arrays that the next call overwrites.
+        Of rotations (samples, 9), column by column, positions (samples, 3), m, all own parameters,
+        and how the poses move in time (6·samples,), m/s and rad/s. They are views of arrays that
+        the next call overwrites.
         """
+        residual, by_pose, by_own = self._at(rotation, position, own_values)
+        if self._in_time is None:
+            return residual, by_pose, by_own
+        by_time = np.einsum("ndc,nc->nd", by_pose, rate[self._in_time])
+        return residual, by_pose, np.concatenate([by_own, by_time[:, :, None]], axis=2)
+
+    def _at(
+        self, rotation: FloatArray, position: FloatArray, own_values: FloatArray
+    ) -> tuple[FloatArray, FloatArray, FloatArray]:
         n, size, width = self._shape
         for slot, (part, rows) in zip(self._batch.inputs, self._taken, strict=False):
             _take(position if part else rotation, rows, slot)
@@ -256,7 +285,7 @@ class TermErrors:
         if isinstance(source, ArmPoses):
             samples, conditions = source.samples, source.conditions
             self._batch = Batched(source.arm.function(names, conditions, 0), len(samples), [0])
-            self._q = samples.q
+            self._source = source
             for place, numbers in zip(self._batch.inputs[2:], conditions.values(), strict=True):
                 place[:] = numbers
         else:
@@ -274,7 +303,8 @@ class TermErrors:
         """
         if self._batch is not None:
             self._batch.inputs[0][:] = [values[name] for name in self._names]
-            np.add(self._q, shifts, out=self._batch.inputs[1])
+            q = self._source.readings(values.get(self._source.clock, 0.0))
+            np.add(q, shifts, out=self._batch.inputs[1])
             rotation, position, _ = self._batch()
             self._poses = rotation, position
         own_values = np.array([values[name] for name in self._own])

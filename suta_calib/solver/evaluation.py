@@ -30,13 +30,15 @@ class BlockView:
     Attributes:
         block: the rows.
         first_sample: of its term, among those of all terms.
-        own_columns: (n, m), counted from the first own parameter.
+        own_columns: (n, m), counted from the first own parameter; last, perhaps, the clock.
+        clocked: whether the poses that it looks at are those at the time of an own parameter.
         limit: a learned Huber threshold, m or rad, where it is below the one that is given.
     """
 
     block: Block
     first_sample: int
     own_columns: IntArray
+    clocked: bool = False
     limit: float = math.inf
 
     @property
@@ -48,20 +50,37 @@ class BlockView:
 class PoseTable:
     """Tool poses of every sample of every term, and how they move with the arm's parameters.
 
+    Args:
+        sources: pose source of each term.
+        names: of the arm's parameters.
+        clocks: of each source the place, in the vector of all parameters, of the unknown that moves
+            its poses in time; None where there is none.
+
     Attributes:
         rotation: (n, 9) column by column.
         position: (n, 3), m.
         velocity: (6 n, parameters) of the tools, m and rad per unit of the arm's parameters.
+        rate: (6 n,) of the tools, m and rad per second, where a clock moves them in time.
+        uncertainty: (6 n,) standard deviation of where the tools are between rows, likewise.
         changes: how often the poses have changed.
     """
 
-    def __init__(self, sources: Sequence[PoseSource], names: Sequence[str]) -> None:
+    def __init__(
+        self,
+        sources: Sequence[PoseSource],
+        names: Sequence[str],
+        clocks: Sequence[int | None] | None = None,
+    ) -> None:
         sizes = [len(source) for source in sources]
         self.first = np.concatenate([[0], np.cumsum(sizes)]).astype(np.intp)
         n = int(self.first[-1])
         self.rotation, self.position = np.zeros((n, 9)), np.zeros((n, 3))
         self.velocity = np.zeros((6 * n, len(names)))
+        self.rate, self.uncertainty = np.zeros(6 * n), np.zeros(6 * n)
         self.changes = 0
+        self._clocks = [*clocks] if clocks is not None else [None] * len(sizes)
+        self._moved = list[MovedInTime | None]()
+        self._looked_at = [*range(len(names)), *sorted({c for c in self._clocks if c is not None})]
         self._theta: FloatArray | None = None
         self._sources: list[tuple[slice, Batched | None]] = []
         for source, first, size in zip(sources, self.first, sizes, strict=False):
@@ -80,16 +99,29 @@ class PoseTable:
                 rotation, self.position[rows] = source.at({})
                 self.rotation[rows] = np.swapaxes(rotation, 1, 2).reshape(size, 9)
             self._sources.append((rows, batch))
+        for source, (rows, batch), clock in zip(sources, self._sources, self._clocks, strict=True):
+            moved = None
+            if clock is not None and batch is not None and isinstance(source, ArmPoses):
+                six = slice(6 * rows.start, 6 * rows.stop)
+                moved = MovedInTime(source, names, self.rate[six], self.uncertainty[six])
+            self._moved.append(moved)
 
-    def update(self, theta: FloatArray) -> None:
-        """All poses and velocities for the arm's parameter values (n,), as they may be already."""
+    def update(self, x: FloatArray) -> None:
+        """All poses and velocities for parameter values (n,), the arm's first.
+
+        Of the others, only the clocks' are looked at. They may be there already.
+        """
+        theta = x[self._looked_at]
         if self._theta is not None and np.array_equal(theta, self._theta):
             return
         self._theta = theta.copy()
         self.changes += 1
-        for _, batch in self._sources:
+        count = self.velocity.shape[1]
+        for (_, batch), moved, clock in zip(self._sources, self._moved, self._clocks, strict=True):
             if batch is not None:
-                batch.inputs[0][:] = theta
+                batch.inputs[0][:] = x[:count]
+                if moved is not None and clock is not None:
+                    batch.inputs[1][:] = moved(x[:count], x[clock])
                 batch()
 
     @contextmanager
@@ -102,11 +134,15 @@ class PoseTable:
         readings = [b.inputs[1].copy() if b else None for _, b in self._sources]
         poses, theta = (self.rotation.copy(), self.position.copy()), self._theta
         # Of few samples keeping what is known takes less than to find it again.
-        velocity = self.velocity.copy() if len(self.position) <= AT_ONCE else None
+        known = len(self.position) <= AT_ONCE
+        velocity, rate = (self.velocity.copy(), self.rate.copy()) if known else (None, None)
         self._theta = None
+        sources = zip(self._sources, self._moved, shifts, strict=True)
         try:
-            for (rows, batch), shift in zip(self._sources, shifts, strict=True):
-                if batch is not None:
+            for (rows, batch), moved, shift in sources:
+                if moved is not None:
+                    moved.shift = shift
+                elif batch is not None:
                     batch.inputs[1][:] += shift
                 else:
                     columns = self.rotation[rows].reshape(-1, 3, 3)  # one row a matrix's column
@@ -116,13 +152,61 @@ class PoseTable:
             yield
         finally:
             self._theta = None
+            for moved in filter(None, self._moved):
+                moved.shift = 0.0
             self.rotation[:], self.position[:] = poses
-            if velocity is not None:
-                self.velocity[:], self._theta = velocity, theta
+            if velocity is not None and rate is not None:
+                self.velocity[:], self.rate[:], self._theta = velocity, rate, theta
                 self.changes += 1
             for (_, batch), q in zip(self._sources, readings, strict=True):
                 if batch is not None:
                     batch.inputs[1][:] = q
+
+
+class MovedInTime:
+    """Readings at other times than those of the rows, and how fast the tips move then.
+
+    Args:
+        source: poses with a clock.
+        names: of the arm's parameters.
+        rate: (6 n,) of the tips; each call fills it.
+        uncertainty: (6 n,) of where the tips are; likewise.
+
+    Attributes:
+        shift: (n, joints) that the readings are off for a while.
+    """
+
+    def __init__(
+        self,
+        source: ArmPoses,
+        names: Sequence[str],
+        rate: FloatArray,
+        uncertainty: FloatArray,
+    ) -> None:
+        samples = source.samples
+        assert samples.motion is not None
+        self._q, self._motion = samples.q, samples.motion
+        self._rate, self._uncertainty = rate.reshape(-1, 6), uncertainty.reshape(-1, 6)
+        self.shift: FloatArray | float = 0.0
+        swing = source.arm.swing(names, source.conditions)
+        self._batch = Batched(swing, len(samples), [0])
+        for place, values in zip(self._batch.inputs[3:], source.conditions.values(), strict=True):
+            place[:] = values
+
+    def __call__(self, theta: FloatArray, offset: float) -> FloatArray:
+        """Readings (n, joints) so many seconds later, for the arm's parameter values."""
+        there = self._motion.beyond(offset)
+        q = self._q + there[0] + self.shift
+        self._batch.inputs[0][:], self._batch.inputs[1][:] = theta, q
+        squares = np.zeros_like(self._uncertainty)
+        for joint, error in enumerate(self._motion.error.T):
+            self._batch.inputs[2][:] = 0.0
+            self._batch.inputs[2][:, joint] = error
+            squares += self._batch()[0] ** 2
+        self._uncertainty[:] = np.sqrt(squares)
+        self._batch.inputs[2][:] = there[1]
+        self._rate[:] = self._batch()[0]
+        return np.asarray(q)
 
 
 @dataclass(frozen=True, eq=False)
@@ -135,6 +219,7 @@ class Linearised:
         by_pose: (n, d, c) derivative by the pose velocities the rows look at.
         by_own: (n, d, m) derivative by the own parameters.
         sigma: (n,) standard deviation of one component.
+        known_sigma: (n,) the part of it that is known beforehand.
         squared: (n,) squared norm of the whitened residual.
         weight: (n,) Huber's weight, one for rows that are believed entirely.
     """
@@ -145,6 +230,7 @@ class Linearised:
     by_pose: FloatArray
     by_own: FloatArray
     sigma: FloatArray
+    known_sigma: FloatArray
     squared: FloatArray
     weight: FloatArray
 
@@ -162,6 +248,7 @@ class Evaluation:
         views: blocks with the position of their samples and own parameters.
         arm_names: the arm's parameters, in the order of the vector's first entries.
         own_count: how many own parameters follow them.
+        clocks: as of `PoseTable`.
     """
 
     def __init__(
@@ -170,15 +257,17 @@ class Evaluation:
         views: Sequence[BlockView],
         arm_names: Sequence[str],
         own_count: int,
+        clocks: Sequence[int | None] | None = None,
     ) -> None:
-        self.table = PoseTable(sources, arm_names)
+        self.table = PoseTable(sources, arm_names, clocks)
         self.views = tuple(views)
         self.arm_count, self.own_count = len(arm_names), own_count
         width = len(self.table.velocity)
         self._at: tuple[int, bytes] | None = None
         self._found: list[tuple[FloatArray, FloatArray, FloatArray]] = []
         self._kernels = [
-            Kernel(v.block, v.first_sample, v.own_columns, width, own_count) for v in views
+            Kernel(v.block, v.first_sample, v.own_columns, width, own_count, clocked=v.clocked)
+            for v in views
         ]
 
     def limited(self, limits: Sequence[float]) -> Evaluation:
@@ -190,13 +279,18 @@ class Evaluation:
 
     def linearise(self, x: FloatArray, sigmas: Sequence[float]) -> list[Linearised]:
         """Every block at x, with the noise level of each block."""
-        self.table.update(x[: self.arm_count])
+        self.table.update(x)
         own_values = x[self.arm_count :]
         # The latest point is asked for again with other noise, and by whoever judges it.
         here = self.table.changes, own_values.tobytes()
         if here != self._at:
-            poses = self.table.rotation, self.table.position
-            self._found = [kernel(*poses, own_values) for kernel in self._kernels]
+            table = self.table
+            poses = table.rotation, table.position
+            self._found = [kernel(*poses, own_values, table.rate) for kernel in self._kernels]
+            if self._at is None:
+                # What is known of the noise stays, so that the cost is one function.
+                for kernel, (_, by_pose, _) in zip(self._kernels, self._found, strict=True):
+                    kernel.add_uncertainty(by_pose, table.uncertainty)
             self._at = here
         lines = []
         blocks = zip(self.views, self._kernels, sigmas, self._found, strict=True)
@@ -205,9 +299,17 @@ class Evaluation:
             squared = np.einsum("nd,nd->n", residual, residual) / spread**2
             weight = huber_weight(squared, view.threshold / spread)
             lines.append(
-                Linearised(view, kernel.pattern, residual, by_pose, by_own, spread, squared, weight)
+                Linearised(
+                    *(view, kernel.pattern, residual, by_pose, by_own),
+                    *(spread, kernel.known_sigma, squared, weight),
+                )
             )
         return lines
+
+    @property
+    def known_sigmas(self) -> list[FloatArray]:
+        """Of each block (n,) the standard deviations of rows that are known beforehand."""
+        return [kernel.known_sigma for kernel in self._kernels]
 
     def cost(self, x: FloatArray, sigmas: Sequence[float]) -> float:
         """½ Σ ρ over all rows of all blocks (priors not included)."""

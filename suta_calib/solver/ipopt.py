@@ -49,10 +49,13 @@ class Ipopt(Solver):
         rows = sum(len(block) * block.size for block in nlp.problem.blocks)
         # Rounding grows with the cost: a large problem is scaled down to one of 2000 residuals.
         limits = self.max_iterations, min(1.0, 2000 / rows)
+        if self.exact and nlp.in_time:
+            # Readings between rows are one polynomial near where the clock is.
+            z = nlp.descend(z, settled=NEGLIGIBLE, steps=self.max_iterations).z
         where = {"x0": z, "lbx": nlp.lower, "ubx": nlp.upper}
         try:
             if self.exact:
-                answer, stats = _run(_exact(nlp, limits), where)
+                answer, stats = _run(_exact(nlp, limits, z), where)
             else:
                 solver = cached_ipopt(len(z), limits, get_ident())
                 answer, stats = solver(nlp.cost_gradient_hessian, where)
@@ -80,12 +83,12 @@ class Ipopt(Solver):
         return Minimum(x, there.cost, SETTLED, there.steps, True, "Gauss-Newton")
 
 
-def _exact(nlp: RobustNlp, limits: tuple[int, float]) -> Any:
+def _exact(nlp: RobustNlp, limits: tuple[int, float], near: FloatArray) -> Any:
     """IPOPT over the symbolic cost, made again where other values are held."""
-    key = nlp.held.tobytes()
+    key = nlp.held.tobytes() + (near.tobytes() if nlp.in_time else b"")
     if key not in nlp.compiled:
         z: Any = ca.MX.sym("z", len(nlp.free))
-        cost = {"x": z, "f": nlp.symbolic_cost(z)}
+        cost = {"x": z, "f": nlp.symbolic_cost(z, near)}
         nlp.compiled[key] = ca.nlpsol("calibration", "ipopt", cost, _options(*limits))
     return nlp.compiled[key]
 

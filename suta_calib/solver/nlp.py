@@ -115,8 +115,13 @@ class RobustNlp:
             self._minima.append((self.held, there.basin))
         return there
 
-    def symbolic_cost(self, z: Symbol) -> Symbol:
-        """The cost as a CasADi expression of z."""
+    @property
+    def in_time(self) -> bool:
+        """Whether a clock is among the unknowns."""
+        return any(term.of_clock for term in self.problem.terms)
+
+    def symbolic_cost(self, z: Symbol, near: FloatArray) -> Symbol:
+        """The cost as a CasADi expression of z; as of `symbolic_cost`, near some (k,)."""
         select = ca.DM(len(self._base), len(self.free))
         for column, row in enumerate(self.free):
             select[int(row), column] = self._scale[column]
@@ -125,7 +130,7 @@ class RobustNlp:
         x = ca.mtimes(select, z) + ca.DM(rest)
         deviation = x - ca.DM(self._nominal)
         prior = ca.dot(ca.DM(self._precision), deviation**2) / 2
-        return symbolic_cost(self.problem, x, self.sigmas) + prior
+        return symbolic_cost(self.problem, x, self.sigmas, self.unscaled(near)) + prior
 
     def _at(self, z: FloatArray) -> FloatArray:
         x = self._base.copy()
@@ -147,26 +152,36 @@ class RobustNlp:
         return np.concatenate([rows, away]), jacobian
 
 
-def symbolic_cost(problem: Problem, x: Symbol, sigmas: Sequence[float]) -> Symbol:
-    """½ Σ ρ of all rows as an MX expression of the problem's parameter vector (priors excluded)."""
-    rotation, position = _poses(problem, x)
+def symbolic_cost(
+    problem: Problem, x: Symbol, sigmas: Sequence[float], near: FloatArray | None = None
+) -> Symbol:
+    """½ Σ ρ of all rows as an MX expression of the problem's parameter vector (priors excluded).
+
+    Of a moving arm with another clock it is the cost near (n,) parameters: as long as no row moves
+    past another one in time.
+    """
+    nominal = problem.parameters.array("nominal")
+    rotation, position = _poses(problem, x, nominal if near is None else near)
     own_symbols = x[problem.arm_count :]
     cost: Symbol = ca.MX(0)
-    for view, sigma in zip(problem.evaluation.views, sigmas, strict=True):
-        cost += _block_cost(view, sigma, rotation, position, own_symbols)
+    evaluation = problem.evaluation
+    for view, known, sigma in zip(evaluation.views, evaluation.known_sigmas, sigmas, strict=True):
+        cost += _block_cost(view, np.hypot(sigma, known), rotation, position, own_symbols)
     return cost / 2
 
 
-def _poses(problem: Problem, x: Symbol) -> tuple[Symbol, Symbol]:
+def _poses(problem: Problem, x: Symbol, near: FloatArray) -> tuple[Symbol, Symbol]:
     """All tool poses, (9, n) and (3, n)."""
     rotations, positions = [], []
     names = problem.names[: problem.arm_count]
     for term in problem.terms:
-        source = term.poses
+        source, clock = term.poses, [problem.names.index(p.name) for p in term.of_clock]
         if isinstance(source, ArmPoses):
             conditions = source.conditions
             mapped = source.arm.function(names, conditions).map(len(source))
             inputs = [ca.DM(array.T) for array in (source.samples.q, *conditions.values())]
+            if clock:
+                inputs[0] = _readings(source, x[clock[0]], near[clock[0]])
             pose = mapped(x[: problem.arm_count], *inputs)
             rotations.append(pose[0])
             positions.append(pose[1])
@@ -178,21 +193,28 @@ def _poses(problem: Problem, x: Symbol) -> tuple[Symbol, Symbol]:
     return ca.horzcat(*rotations), ca.horzcat(*positions)
 
 
+def _readings(source: ArmPoses, offset: Symbol, near: float) -> Symbol:
+    """(joints, n) readings at an offset of the clock, exactly as long as no row passes another."""
+    motion = source.samples.motion
+    assert motion is not None
+    there = motion.beyond(near)
+    there[0] += source.samples.q
+    return sum(ca.DM(part.T) * (offset - near) ** k for k, part in enumerate(there))
+
+
 def _block_cost(
-    view: BlockView, sigma: float, rotation: Symbol, position: Symbol, own_symbols: Symbol
+    view: BlockView, spread: FloatArray, rotation: Symbol, position: Symbol, own_symbols: Symbol
 ) -> Symbol:
     block = view.block
     n, k = block.samples.shape
-    spread = np.hypot(sigma, block.known_sigma)
     row = _row_cost(view, k)
     arguments = []
     for which in range(k):
-        columns = (block.samples[:, which] + view.first_sample).tolist()
-        arguments += [rotation[:, columns], position[:, columns]]
+        samples = (block.samples[:, which] + view.first_sample).tolist()
+        arguments += [rotation[:, samples], position[:, samples]]
     m = block.own_columns.shape[1]
-    own_rows = (
-        ca.reshape(own_symbols[view.own_columns.reshape(-1).tolist()], m, n) if m else ca.MX(0, n)
-    )
+    columns = view.own_columns[:, :m].reshape(-1).tolist()
+    own_rows = ca.reshape(own_symbols[columns], m, n) if m else ca.MX(0, n)
     threshold = np.minimum(view.threshold / spread, 1e150)
     data = [ca.DM(block.data.T) if block.data.shape[1] else ca.DM(0, n)]
     return ca.sum2(

@@ -52,7 +52,7 @@ def energies_of_rows(
     """
     line = rows.line
     n, size = line.residual.shape
-    spread = np.hypot(sigma, line.view.block.known_sigma)
+    spread = np.hypot(sigma, line.known_sigma)
     jacobian = rows.jacobian[:, free] * np.repeat(line.sigma / spread, size)[:, None]
     residual = (line.residual / spread[:, None]).reshape(-1)
     norm = np.linalg.norm((residual + jacobian @ step).reshape(n, size), axis=1)

@@ -102,23 +102,21 @@ class Problem:
     @cached_property
     def evaluation(self) -> Evaluation:
         """Cost and derivatives; built once, used by every start and every study."""
-        views, first = [], 0
+        views, first, clocks = [], 0, list[int | None]()
         for term in self.terms:
             columns = np.array(
                 [self._own_index[p.name] for p in term.own_parameters], dtype=np.intp
             )
+            clock = [self._own_index[p.name] for p in term.of_clock]
             views += [
-                BlockView(
-                    block,
-                    first,
-                    columns[block.own_columns] if block.own_columns.shape[1] else block.own_columns,
-                )
+                BlockView(block, first, _columns_of(block, columns, clock), bool(clock))
                 for block in term.blocks
             ]
+            clocks.append(self.arm_count + clock[0] if clock else None)
             first += len(term.poses)
         names = self.names[: self.arm_count]
         sources = [term.poses for term in self.terms]
-        return Evaluation(sources, views, names, len(self._own_index))
+        return Evaluation(sources, views, names, len(self._own_index), clocks)
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -215,6 +213,12 @@ class Problem:
     def linearise(self, x: FloatArray, sigmas: Sequence[float]) -> list[Linearised]:
         """Residuals and derivatives of every block at x, for given noise levels."""
         return self.evaluation.linearise(x, sigmas)
+
+
+def _columns_of(block: Block, columns: IntArray, clock: Sequence[int]) -> IntArray:
+    """(n, m) which of a problem's own parameters the rows look at: the term's, then its clock."""
+    own = columns[block.own_columns] if block.own_columns.shape[1] else block.own_columns
+    return np.hstack([own, np.tile(np.array(clock, dtype=np.intp), (len(own), 1))])
 
 
 def _own_parameters(terms: Sequence[Term]) -> dict[str, Parameter]:

@@ -1,6 +1,7 @@
 from .block import Block as Block
 from .block import Noise as Noise
 from .camera_view import CameraView as CameraView
+from .clock import TimeOffset as TimeOffset
 from .closed_loop import LoopClosure as LoopClosure
 from .contact import Contact as Contact
 from .fixed_point import FixedPoint as FixedPoint

@@ -301,6 +301,11 @@ class CameraView(FramedTerm):
         return self.poses.label(self.label, ends[0]), self.poses.label(self.target, ends[1])
 
     @property
+    def sees(self) -> str:
+        """The label of the camera, beside those of other chains."""
+        return self._labels[0]
+
+    @property
     def frame_names(self) -> list[str]:
         """Owners of the poses of camera and board."""
         return list(self.owners[:2])

@@ -50,8 +50,9 @@ class ArrayColumn(NamedTuple):
     about: str = ""
 
 
-def columns_of(kind: SampleColumns) -> dict[str, ArrayColumn]:
+def columns_of(term: Any) -> dict[str, ArrayColumn]:
     """The arrays that a kind takes beside the readings, by keyword."""
+    kind: SampleColumns = term.columns
     about = kind.about
     # Pictures need no names where each row has its own.
     named = not kind.pixels
@@ -77,6 +78,9 @@ def columns_of(kind: SampleColumns) -> dict[str, ArrayColumn]:
         columns[number.name] = ArrayColumn(takes, number.required, about.get(number.name, ""))
     more = (*kind.common_labels, *kind.optional_labels)
     columns |= {name: ArrayColumn(_LABELS, about=about.get(name, "")) for name in more}
+    if _sees(term):
+        about_time = "When each row was taken, for time_offset."
+        columns["time"] = ArrayColumn("(n,) in s", about=about_time)
     side = "1 (the joint came from smaller readings), -1 (from larger ones) or 0 (unknown)"
     return columns | {
         "direction": ArrayColumn(f"(n, joints) of {side}"),
@@ -93,9 +97,15 @@ def columns_of(kind: SampleColumns) -> dict[str, ArrayColumn]:
     }
 
 
-def attributes_of(kind: type) -> dict[str, Field[Any]]:
+def attributes_of(kind: Any) -> dict[str, Field[Any]]:
     """The other keywords of a kind: the fields of its class, but where its poses come from."""
-    return {f.name: f for f in fields(kind) if f.init and f.name != "poses"}
+    not_given = {"poses"} if _sees(kind) else {"poses", "time_offset"}
+    return {f.name: f for f in fields(kind) if f.init and f.name not in not_given}
+
+
+def _sees(kind: Any) -> bool:
+    """Whether something sees an arm, which may move; an arm rests where it touches."""
+    return bool(kind.medium != "touch")
 
 
 class FromArrays:
@@ -115,7 +125,7 @@ class FromArrays:
 
 
 def _signature(kind: Any) -> Signature:
-    columns, place = columns_of(kind.columns), Parameter.POSITIONAL_OR_KEYWORD
+    columns, place = columns_of(kind), Parameter.POSITIONAL_OR_KEYWORD
     parameters = [Parameter("arm", place), Parameter("q", place)]
     needed = {name: column.required for name, column in columns.items()}
     needed |= {name: _required(field) for name, field in attributes_of(kind).items()}
@@ -129,7 +139,7 @@ def _documentation(kind: Any) -> str:
     lines = "".join(
         f"    {name}: {column.takes}{'' if column.required else ' (may be left out)'}. "
         f"{column.about}\n"
-        for name, column in columns_of(kind.columns).items()
+        for name, column in columns_of(kind).items()
     )
     return (
         f"{kind.__name__} of an arm's readings and what was observed with each of them.\n\n"
@@ -155,7 +165,7 @@ def taken_from_arrays(
     if not hasattr(arm, "joints"):
         hint = "ArmModel.from_urdf reads one"
         raise InputError(_shown(arm), "an ArmModel", where=f"{kind.kind}: arm", hint=hint)
-    columns, attributes = columns_of(kind.columns), attributes_of(kind)
+    columns, attributes = columns_of(kind), attributes_of(kind)
     given = {name: value for name, value in given.items() if value is not None}
     for name in given:
         if name not in columns and name not in attributes:
@@ -224,6 +234,7 @@ def _samples(kind: SampleColumns, arm: ArmModel, q: ArrayLike, given: Mapping[st
         pixels=given.get("pixels"),
         payload=None if load is None else _loads(load, n),
         felt=_felt(arm, given.get("felt") or {}),
+        time=given.get("time"),
     )
 
 

@@ -45,6 +45,11 @@ class GivenPlaces(ABC):
     def own_parameters(self) -> tuple[Parameter, ...]:
         """The term's own unknowns."""
 
+    @property
+    def of_clock(self) -> tuple[Parameter, ...]:
+        """The unknown of the clock of what sees, where it has one."""
+        return ()
+
     @abstractmethod
     def start_values(self, values: Mapping[str, float]) -> dict[str, float]:
         """Their closed-form values by name, at the poses that belong to parameter values."""
@@ -52,13 +57,14 @@ class GivenPlaces(ABC):
     @cached_property
     def unknowns(self) -> tuple[Parameter, ...]:
         """`own_parameters`, with what is given of them: fixed there, or with a prior about it."""
+        unknowns = (*self.own_parameters, *self.of_clock)
         if not self.given:
-            return self.own_parameters
+            return unknowns
 
         by_name: dict[str, PriorValue] = {}
         for label, pose in self.given.items():
             by_name |= self.prior_from_pose(label, pose)
-        return with_known(self.own_parameters, by_name)
+        return with_known(unknowns, by_name)
 
     def prior_from_pose(self, label: str, pose: GivenPose) -> dict[str, PriorValue]:
         """The own unknowns, by name, that a given pose tells of a place; empty for no such place.

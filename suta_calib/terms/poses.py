@@ -42,10 +42,13 @@ class PoseSource(ABC):
     Attributes:
         samples: the rows, with whatever was observed beside the pose.
         bodies: what the ends of its chain are called, where a robot has several.
+        clock: name of the unknown that says how much later than the readings what is seen was
+            seen; empty where both have one clock.
     """
 
     samples: Samples
     bodies: Bodies
+    clock: str = ""
 
     def __len__(self) -> int:
         return len(self.samples)
@@ -183,7 +186,15 @@ class ArmPoses(PoseSource):
 
     def at(self, values: Mapping[str, float]) -> tuple[FloatArray, FloatArray]:
         """Forward kinematics of the samples."""
-        return self.arm.forward(self.samples.q, values, self.conditions)
+        q = self.readings(values.get(self.clock, 0.0))
+        return self.arm.forward(q, values, self.conditions)
+
+    def readings(self, offset: float) -> FloatArray:
+        """(n, joints) readings so many seconds later than those of the samples."""
+        motion = self.samples.motion
+        if not self.clock or motion is None or offset == 0.0:
+            return self.samples.q
+        return np.asarray(self.samples.q + motion.beyond(offset)[0])
 
     @cached_property
     def conditions(self) -> Mapping[Condition, FloatArray]:
@@ -208,13 +219,20 @@ class ArmPoses(PoseSource):
 
     def with_samples(self, samples: Samples) -> ArmPoses:
         """The same arm's poses at the samples' readings."""
-        return ArmPoses(self.arm, samples)
+        return self.by_clock(self.clock, samples)
+
+    def by_clock(self, name: str, samples: Samples) -> ArmPoses:
+        """The same arm's poses, at times that an unknown of this name moves."""
+        poses = ArmPoses(self.arm, samples)
+        poses.clock = name
+        return poses
 
     def take(self, rows: ArrayLike) -> ArmPoses:
         """The poses of some samples of the same arm."""
         # A study takes thousands of times: what the constructor refuses is in none of these.
         taken = object.__new__(ArmPoses)
         taken.arm, taken.bodies, taken.samples = self.arm, self.bodies, self.samples.take(rows)
+        taken.clock = self.clock
         taken._levers, taken._standing = self._levers, self._standing.take(rows)
         chosen = np.asarray(rows)
         taken._up_felt = {name: up[chosen] for name, up in self._up_felt.items()}

@@ -28,7 +28,9 @@ from suta_calib.measurements import Artefact, Board, SampleColumns, YamlSection
 from suta_calib.measurements.fields import Field, Fields
 from suta_calib.measurements.samples import STROKE
 from suta_calib.measurements.scale import LengthScale
+from suta_calib.model.parameters import Parameter
 from suta_calib.terms.block import Block, first_of_each, joined, numbered, same_touches
+from suta_calib.terms.clock import TimeOffset, clocked
 from suta_calib.terms.external_frame import ExternalFrame, frames_of
 from suta_calib.terms.from_arrays import FromArrays
 from suta_calib.terms.given_places import GivenPlaces
@@ -100,6 +102,8 @@ class Term(GivenPlaces):
             the key of a frame; an empty one for the only place there is, or for what sees.
         scale: how well the scale of lengths is known that an instrument measures, where a job
             says so; see `length_scale.scale_carrier`.
+        time_offset: what is known of the clock of what sees a moving arm, where that is not the
+            clock of the readings; any kind but those that touch may have it.
     """
 
     kind: ClassVar[str]
@@ -133,8 +137,15 @@ class Term(GivenPlaces):
     poses: PoseSource
     given: Mapping[str, GivenPose] = field(default_factory=dict, kw_only=True)
     scale: LengthScale | None = field(default=None, kw_only=True)
+    time_offset: TimeOffset | None = field(default=None, kw_only=True)
 
     def __post_init__(self) -> None:
+        if self.time_offset is not None:
+            if self.medium == "touch":
+                hint = "an arm rests where it touches"
+                raise self.refuse("a time offset", "none", hint)
+            poses = clocked(self.poses, self._clock(self.time_offset).name, self.time_offset)
+            object.__setattr__(self, "poses", poses)
         # What cannot be used is refused where the term is made, not where it is first looked at.
         _ = self.blocks
 
@@ -356,16 +367,32 @@ class Term(GivenPlaces):
         return tuple(frames_of(owners, words))
 
     @property
+    def sees(self) -> str:
+        """The label of what sees, beside those of other chains."""
+        end = self.frames[0].end if self.frames else "tip"
+        return self.poses.label(getattr(self, "label", "default"), end)
+
+    def _clock(self, offset: TimeOffset) -> Parameter:
+        return offset.parameter(self.sees)
+
+    @property
+    def of_clock(self) -> tuple[Parameter, ...]:
+        """The unknown of the clock of what sees, where it has one."""
+        return (self._clock(self.time_offset),) if self.time_offset and self.poses.clock else ()
+
+    @property
     def subject(self) -> str:
         """What the own unknowns are about; terms may share an unknown only if it is the same."""
         return self.kind
 
     def start_values(self, values: Mapping[str, float]) -> dict[str, float]:
         """`start` by name, at the poses that belong to these parameter values."""
+        values_of_clock = {p.name: p.nominal for p in self.of_clock}
         if not self.own_parameters:
-            return {}
+            return values_of_clock
         start = self.start(*self.poses.at(values))
-        return {p.name: float(v) for p, v in zip(self.own_parameters, start, strict=True)}
+        own = {p.name: float(v) for p, v in zip(self.own_parameters, start, strict=True)}
+        return own | values_of_clock
 
     def repeats(self) -> IntArray:
         """(n,) one number for all samples that are repeats of the same touch, else their own."""

@@ -187,7 +187,7 @@ class Examination(Displayable):
     def table(self) -> PoseTable:
         """Poses and velocities of the tips at the solution."""
         table = self.problem.evaluation.table
-        table.update(self.x[: self.problem.arm_count])
+        table.update(self.x)
         return table
 
     @property

@@ -1,0 +1,114 @@
+"""The clock of an instrument that sees a moving arm: how late its observations are, as an unknown.
+
+An observation of row i shows the arm as it was at ``t_i + δ``: t_i is the time of the row, δ the
+unknown ``time_offset[LABEL]``. The poses of the term follow from the readings then, so that the
+derivative of a residual by δ is its derivative by the pose, times the velocity of the tip.
+"""
+
+from __future__ import annotations
+
+import math
+import warnings
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from suta_calib.arrays import BoolArray
+from suta_calib.display import Displayable
+from suta_calib.errors import ParameterError, SamplesError, SutaCalibWarning
+from suta_calib.measurements.fields import Value, keyed
+from suta_calib.measurements.yaml_file import YamlSection
+from suta_calib.model.parameters import LEAST_SIZE, Parameter
+from suta_calib.terms.poses import ArmPoses, PoseSource
+from suta_calib.units import ms
+
+if TYPE_CHECKING:
+    from suta_calib.model.arm import ArmModel
+
+OWNER: Final = "time_offset"
+
+
+def _positive_ms(section: YamlSection, name: str) -> float:
+    return section.number(name, "positive") / 1e3
+
+
+@dataclass(frozen=True)
+class TimeOffset(Displayable):
+    """What is known of an instrument's clock: the key ``time_offset_ms`` of a row.
+
+    Attributes:
+        bound: largest difference of the two clocks, s.
+        prior: standard deviation of the difference before any data, s; None where nobody knows.
+    """
+
+    bound: float = keyed(
+        Value("ms", _positive_ms),
+        "Largest time offset. Rows that are nearer to a gap in time, or to the end of a file, are "
+        "left out.",
+        0.1,
+        "bound",
+    )
+    prior: float | None = keyed(
+        Value("ms", _positive_ms),
+        "Standard deviation of the time offset before any data; default: unknown.",
+        None,
+        "prior",
+    )
+
+    def __post_init__(self) -> None:
+        for name, size in (("bound", self.bound), ("prior", self.prior)):
+            if size is not None and not LEAST_SIZE <= size < math.inf:
+                raise ParameterError(f"{size!r}", "s, greater than 0", where=f"TimeOffset: {name}")
+
+    def parameter(self, label: str) -> Parameter:
+        """The unknown ``time_offset[label]``."""
+        owner = f"{OWNER}[{label}]"
+        sizes = -self.bound, self.bound, self.prior
+        return Parameter(owner, "", "s", 0.0, *sizes, prior_fixed=True)
+
+
+def clocked(poses: PoseSource, name: str, offset: TimeOffset) -> PoseSource:
+    """The poses at times that an unknown of this name moves; as they are where no arm has them.
+
+    Warns:
+        SutaCalibWarning: rows that are left out.
+
+    Raises:
+        SamplesError: no times, or such that tell nothing of how the arm moved between them.
+    """
+    if not isinstance(poses, ArmPoses):
+        return poses
+    samples = poses.samples
+    if samples.motion is None or not samples.motion.of(samples.q):
+        first_time = samples.motion is None
+        samples = samples.in_motion(_turning(poses.arm))
+        moving = samples.motion
+        assert moving is not None
+        kept = moving.recording.told(moving.moment, offset.bound)
+        if first_time and not kept.all():
+            left = int(len(kept) - kept.sum())
+            near = f"nearer than {ms(offset.bound):.4g} ms to a gap in time or to the end of a file"
+            if not kept.any():
+                raise SamplesError(
+                    f"no row that is not {near}",
+                    "rows close in time, of a moving arm",
+                    where="time",
+                    hint="give a smaller bound, or record rows more often",
+                )
+            warnings.warn(
+                f"{left} of {len(kept)} rows are {near}. What the joints read before or after is "
+                "unknown, so they are left out",
+                SutaCalibWarning,
+                stacklevel=5,
+            )
+            samples = samples.take(kept)
+    if samples is poses.samples and poses.clock == name:
+        return poses
+    return poses.by_clock(name, samples)
+
+
+def _turning(arm: ArmModel) -> BoolArray:
+    """(joints,) which joints are where they were after a full turn of their reading."""
+    whole = 2.0 * np.pi - 1e-6
+    return np.array([j.type != "prismatic" and j.upper - j.lower >= whole for j in arm.readings])

@@ -1,0 +1,112 @@
+"""A job whose instrument has a clock of its own: its keys, other rows of its label, the answer."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from cli_job import answer, refused, spoken
+from moving_arm import MovingArm
+
+from suta_calib import TimeOffset
+from suta_calib.job.schema import read_job
+
+pytestmark = pytest.mark.usefixtures("undrawn")
+
+JOB = """
+arm: {urdf: URDF, tip: tip}
+parameters:
+  - {select: ["joint_[2-6].offset"]}
+observations:
+  - {kind: tracked_point, samples: fitted.csv, time_offset_ms: {bound: 100}}
+validation:
+  - {kind: tracked_point, samples: held.csv}
+"""
+CLOCK = "time_offset[default]"
+
+
+def written(path: Path, moving: MovingArm, rows: slice, *, time: bool = True) -> None:
+    """Some rows of a recording as a samples file."""
+    columns = [moving.q, moving.seen()["position"]]
+    names = [*moving.arm.joints, "x", "y", "z"]
+    if time:
+        columns, names = [moving.time[:, None], *columns], ["time", *names]
+    numbers = np.hstack(columns)[rows]
+    np.savetxt(path, numbers, "%.12g", ",", header=",".join(names), comments="")
+
+
+@pytest.fixture
+def job(tmp_path: Path, suta_urdf: Path) -> Path:
+    moving = MovingArm(-0.02, rows=260, begin=0.0)
+    written(tmp_path / "fitted.csv", moving, slice(0, 200))
+    written(tmp_path / "held.csv", moving, slice(200, None))
+    (tmp_path / "calibration.yaml").write_text(JOB.replace("URDF", str(suta_urdf)))
+    return tmp_path / "calibration.yaml"
+
+
+def changed(job: Path, *changes: tuple[str, str]) -> Path:
+    text = job.read_text()
+    for before, after in changes:
+        assert before in text
+        text = text.replace(before, after)
+    job.write_text(text)
+    return job
+
+
+@pytest.mark.filterwarnings("ignore:2 of")
+def test_a_late_instrument_is_found_and_the_tip_is_as_with_a_true_clock(
+    job: Path, tmp_path: Path
+) -> None:
+    late: dict[str, Any] = answer("calibrate", job)
+    found = late["parameters"][CLOCK]
+    assert found["unit"] == "s"
+    assert abs(found["value"] + 0.02) < min(1e-3, 3.0 * found["std"])
+    assert late["verdict"]["level"] == "good", late["verdict"]
+    assert not any("moved" in note or "slip" in note for note in late["verdict"]["notes"])
+    on_time = MovingArm(0.0, rows=260, begin=0.0)
+    written(tmp_path / "fitted.csv", on_time, slice(0, 200))
+    written(tmp_path / "held.csv", on_time, slice(200, None))
+    changed(job, (", time_offset_ms: {bound: 100}", ""))
+    right: dict[str, Any] = answer("calibrate", job)
+    after = [result["metrics"]["validation"]["after"]["rms_mm"] for result in (late, right)]
+    assert after[0] == pytest.approx(after[1], rel=0.1)
+
+
+def test_what_one_row_says_of_a_clock_holds_for_all_with_its_label(job: Path) -> None:
+    spec = read_job(job)
+    assert spec.observations[0].time_offset == TimeOffset(0.1)
+    assert spec.validation[0].time_offset == TimeOffset(0.1)
+    changed(job, ("held.csv}", "held.csv, label: other}"))
+    assert read_job(job).validation[0].time_offset is None
+
+
+def test_held_out_rows_without_times_are_taken_as_they_are(job: Path) -> None:
+    moving = MovingArm(-0.02, rows=260, begin=0.0)
+    written(job.parent / "held.csv", moving, slice(200, None), time=False)
+    code, _, said = spoken("calibrate", job)
+    assert "calibration.yaml:8: samples without a column time, although the clock of" in said
+    # The arm moved there.
+    assert code == 1
+
+
+def test_what_cannot_be_is_refused_with_its_line(job: Path) -> None:
+    text = job.read_text()
+    changed(job, ("{bound: 100}", "{bound: -5}"))
+    assert "calibration.yaml:6: observations[0].time_offset_ms.bound" in refused("calibrate", job)
+    job.write_text(text)
+    changed(job, ("{bound: 100}", "{limit: 5}"))
+    assert "time_offset_ms" in refused("calibrate", job)
+    job.write_text(text)
+    changed(job, ("held.csv}", "held.csv, time_offset_ms: {bound: 50}}"))
+    assert "one clock per label" in refused("calibrate", job)
+    job.write_text(text)
+    changed(job, ("tracked_point, samples: fitted.csv", "fixed_point, samples: fitted.csv"))
+    assert "a key that fixed_point does not use" in refused("calibrate", job)
+    job.write_text(text)
+    moving = MovingArm(-0.02, rows=260, begin=0.0)
+    written(job.parent / "fitted.csv", moving, slice(0, 200), time=False)
+    said = refused("calibrate", job)
+    assert "fitted.csv:1: column 'time'" in said
+    assert "expected a column time, in s, of a moving arm" in said
