@@ -304,7 +304,7 @@ def read_job(path: Path) -> JobSpec:
 
 def _with_clocks(spec: JobSpec, top: YamlSection) -> JobSpec:
     """What one row says of a clock holds for all rows with the same instrument or camera."""
-    clocks = dict[tuple[str, str, str, str], TimeOffset]()
+    clocks = dict[tuple[str, ...], TimeOffset]()
     for row, section in _rows(spec, top):
         offset = row.time_offset
         if offset is not None and clocks.setdefault(_instrument(row), offset) != offset:
@@ -328,8 +328,8 @@ def _with_clocks(spec: JobSpec, top: YamlSection) -> JobSpec:
     )
 
 
-def _instrument(row: ObservationSpec) -> tuple[str, str, str, str]:
-    return row.kind, row.label, row.chain, row.base_chain
+def _instrument(row: ObservationSpec) -> tuple[str, ...]:
+    return row.kind, row.label, row.chain, row.base_chain, row.link
 
 
 def _rows(spec: JobSpec, top: YamlSection) -> Iterator[tuple[ObservationSpec, YamlSection]]:

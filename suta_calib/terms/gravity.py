@@ -230,7 +230,7 @@ class Gravity(Term):
             known |= {
                 f"{up}.{key}": PriorValue(float(lean[k]), std) for k, key in enumerate(ROTATION[:2])
             }
-        return with_known(self.own_parameters, known)
+        return with_known((*self.own_parameters, *self.of_clock), known)
 
     @cached_property
     def _measured(self) -> tuple[FloatArray, FloatArray]:

@@ -82,6 +82,7 @@ def test_what_one_row_says_of_a_clock_holds_for_all_with_its_label(job: Path) ->
     assert read_job(job).validation[0].time_offset is None
 
 
+@pytest.mark.filterwarnings("default:2 of", "default:.*samples without a column time")
 def test_held_out_rows_without_times_are_taken_as_they_are(job: Path) -> None:
     moving = MovingArm(-0.02, rows=260, begin=0.0)
     written(job.parent / "held.csv", moving, slice(200, None), time=False)
