@@ -91,6 +91,11 @@ def ms(time: Quantity) -> Quantity:
     return time * 1e3
 
 
+def from_ms(time: Quantity) -> Quantity:
+    """Milliseconds as seconds."""
+    return time / 1e3
+
+
 def shown(value: Quantity, unit: Unit) -> Quantity:
     """An SI value in the unit that a reader sees."""
     return value * SHOWN[unit].per_si

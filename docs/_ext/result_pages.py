@@ -40,6 +40,8 @@ RESULT_KEYS = {
     "[state](../guides/messages.md#the-state-of-a-parameter).",
     "external_poses": "Poses outside the arm: as a 4x4 matrix in m, and as position, roll "
     "pitch yaw and quaternion with standard deviations.",
+    "time_offsets": "Time offsets of instruments and cameras with a clock of their own "
+    "(`time_offset_ms`), with their effect at the tip; empty where there are none.",
     "unidentified": "Parameters that the data cannot determine.",
     "redundant": "Those of them that no data of these kinds can determine.",
     "held": "Plausible error of each held parameter of the arm, and what changes with it.",

@@ -240,6 +240,8 @@ def _explained(folders: Mapping[tuple[str, str], tuple[str, str]]) -> Iterator[s
         yield "\n    ".join([f"  - {first}", *others])
         if finds_places(term):
             yield _POSE
+        if term.medium != "touch":
+            yield _CLOCK
 
 
 def _row(kind: str, chain: str, folder: str) -> str:
@@ -273,6 +275,10 @@ _POSE: Final = """\
     # cannot be estimated. Uncomment it, with your labels, numbers and standard deviations.
     # pose:
     #   P1: {position_mm: [170, 0, 0], rotation_rpy_deg: [0, 0, 0], prior_mm: 2, prior_deg: 1}"""
+_CLOCK: Final = """\
+    # For an arm that moves while it is seen: the samples need a column time, in s. How late what is
+    # seen is beside the readings is then estimated, within this bound.
+    # time_offset_ms: {bound: 100}"""
 _CHAIN: Final = """\
 # The arm: a URDF, and the link or frame whose pose matters. Every samples file needs one column
 # per joint, in rad (m for prismatic joints), as the encoders report it:"""

@@ -107,11 +107,13 @@ class Motion:
         recording: all of it, whichever rows are looked at.
         moment: (n,) which of its moments each row is.
         q: (n, joints) readings of the rows.
+        rows: how many the recording has.
     """
 
     recording: Recording
     moment: IntArray
     q: FloatArray
+    rows: int
 
     def __len__(self) -> int:
         return len(self.moment)
@@ -147,7 +149,7 @@ class Motion:
 
         old = self.recording
         recording = replace(old, powers=wider(old.powers), error=wider(old.error))
-        return Motion(recording, self.moment, wider(self.q))
+        return replace(self, recording=recording, q=wider(self.q))
 
 
 class TimedRows(NamedTuple):
@@ -195,7 +197,7 @@ def motion_of(rows: TimedRows, turning: BoolArray) -> Motion:
         readings[np.ix_(mine, turning)] = np.unwrap(readings[np.ix_(mine, turning)], axis=0)
     recording = Recording.of(time, readings, runs)
     _check_smooth(rows.origin[0].rpartition(":")[0] or "samples", readings, runs, recording)
-    return Motion(recording, moment.astype(np.intp), rows.q)
+    return Motion(recording, moment.astype(np.intp), rows.q, len(rows.q))
 
 
 def _windows(count: int) -> IntArray:

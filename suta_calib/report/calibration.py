@@ -27,11 +27,13 @@ from suta_calib.report.calibration_tables import (
     IN_SHORT,
     NOISE,
     NOTE,
+    NOTE_CLOCKS,
     NOTE_GIVEN,
     PRIORS,
     REPEATABILITY,
     SCALE,
     STARTS,
+    TIME_OFFSETS,
     held_out_rows,
     noise_of,
     priors_of,
@@ -101,6 +103,7 @@ def calibration_document(result: Calibration) -> Document:
         *section("the first screen", lambda: _first_screen(result)),
         *section("errors", lambda: _errors(result)),
         *section("parameters", lambda: _parameters(result)),
+        *section("clocks", lambda: _clocks(result)),
         *section("external poses", lambda: _external_poses(result)),
         *section("what these data cannot determine", lambda: _untold(result)),
         *section("remaining errors", lambda: _remaining_errors(result)),
@@ -179,6 +182,7 @@ def _parameters(result: Calibration) -> Iterator[Part]:
         yield Text(f"Largest changes (± one standard deviation): {largest}.", place="console")
     # What is no pose, such as a camera's intrinsics or a radius, is shown nowhere else.
     posed = {name for pose in result.examined.external_poses for name in pose.frame.names}
+    posed |= {clock.name for clock in result.examined.clock_offsets}
     alone = [row for row in of_terms if row.estimate.name not in posed]
     if len(alone) <= MANY:
         yield PARAMETERS.of(alone, "Unknowns of the observations, without poses", place="console")
@@ -227,6 +231,13 @@ def _next_steps(result: Calibration) -> Iterator[Part]:
         yield _command("which rows are wrong", f"suta-calib outliers {job}")
     if any(e.reason != "redundant" for e in result.explanations):
         yield _command("what to measure next", f"suta-calib plan {job} -n 4")
+
+
+def _clocks(result: Calibration) -> Iterator[Part]:
+    """How late what was seen is beside what was read."""
+    if clocks := result.examined.clock_offsets:
+        yield TIME_OFFSETS.of(clocks)
+        yield remark(NOTE_CLOCKS)
 
 
 def _external_poses(result: Calibration) -> Iterator[Part]:
@@ -460,6 +471,9 @@ def _data(result: Calibration) -> Json:
         "parameters": PARAMETERS.records(outcomes(result.examined)),
         "external_poses": entry(
             "external_poses", lambda: EXTERNAL_POSES.records(result.examined.external_poses)
+        ),
+        "time_offsets": entry(
+            "time_offsets", lambda: TIME_OFFSETS.records(result.examined.clock_offsets)
         ),
         "unidentified": solution.unidentified,
         "redundant": entry("redundant", lambda: redundant_names(result.explanations)),

@@ -18,11 +18,12 @@ from suta_calib.report.poses import axes_with_std
 from suta_calib.solver.interface import Minimum
 from suta_calib.solver.weights import Learned
 from suta_calib.terms.block import Block
+from suta_calib.trust.clocks import ClockOffset
 from suta_calib.trust.external_poses import ExternalPose
 from suta_calib.trust.held_out import PROBABILITIES, HeldOutErrors
 from suta_calib.trust.repeats import TouchRepeatability
 from suta_calib.trust.scale_effects import ScaleEffect
-from suta_calib.units import Unit, text, unit_name
+from suta_calib.units import Unit, ms, text, unit_name
 from suta_calib.words import kept, listed
 
 
@@ -81,6 +82,37 @@ NOTE: Final = (
 NOTE_GIVEN: Final = (
     "“valid while” names parameters of the arm or keys of the job that no measurement checks. If "
     "their nominal value is wrong, the pose is wrong too."
+)
+
+
+# ── clocks ───────────────────────────────────────────────────────────────────────────────────
+def _ms(value: Callable[[ClockOffset], float | None]) -> Callable[[ClockOffset], float | None]:
+    """A time in ms; None of none."""
+
+    def in_ms(clock: ClockOffset) -> float | None:
+        time = value(clock)
+        return None if time is None else ms(time)
+
+    return in_ms
+
+
+TIME_OFFSETS: Final = Listing[ClockOffset](
+    "Clocks",
+    Column("name", "time offset"),
+    Column("offset_ms", "ms", _ms(attrgetter("offset")), form=".3f", sign=True),
+    Column("std_ms", "±", _ms(attrgetter("std")), form=".3f"),
+    Column("tip", "at the tip, mm", unit="m"),
+    Column("tip_std", "±", unit="m"),
+    Column("rows", "rows", form="d"),
+    Column("left_out", "left out", form="d"),
+    key="time_offsets",
+    named=True,
+)
+NOTE_CLOCKS: Final = (
+    "A time offset is added to the time of what the instrument saw: below zero, it was seen before "
+    "the joints were read. “at the tip”: how far the tip moves in this time, root mean square of "
+    "the rows; without the time offset, they would be wrong by as much. Rows near a gap in time "
+    "are left out."
 )
 
 

@@ -17,7 +17,7 @@ from suta_calib.measurements.yaml_text import yaml_text
 from suta_calib.model.parameters import POSITION
 from suta_calib.simulation.protocol import TruePose
 from suta_calib.simulation.simulated import SimulatedFile, Simulation
-from suta_calib.units import deg, key, mm, shown
+from suta_calib.units import deg, key, mm, ms, shown
 
 _TITLE: Final = "# Simulated measurements"
 _TRUTH_HEADING: Final = (
@@ -99,6 +99,9 @@ def truth_text(simulation: Simulation) -> str:
         for x, y, rz in [plan.seating]
         if any(plan.seating)
     }
+    offsets = {
+        p.name: {"offset_ms": ms(p.motion.time_offset)} for p in sets if p.motion is not None
+    }
     outside = {
         name: {pose.frame.owner: _pose_row(pose) for pose in poses}
         for name, poses in simulation.outside.items()
@@ -111,6 +114,7 @@ def truth_text(simulation: Simulation) -> str:
         "parameters": parameters,
         "landmarks": landmarks,
         **({"seating": seatings} if seatings else {}),
+        **({"time_offsets": offsets} if offsets else {}),
         **({"external_poses": outside} if outside else {}),
         "outliers": [row for file in simulation.files for row in _outliers(file)],
     }

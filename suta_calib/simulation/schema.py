@@ -38,6 +38,7 @@ from suta_calib.measurements.fields import (
 )
 from suta_calib.measurements.samples import TEMPERATURES
 from suta_calib.measurements.yaml_file import Sign
+from suta_calib.simulation.motion import MotionSpec
 from suta_calib.simulation.noise import NoiseLevels, OutlierSpec
 from suta_calib.terms import KINDS, Term
 from suta_calib.units import REFERENCE_TEMPERATURE, Unit, key, stored
@@ -106,6 +107,7 @@ class SetSpec(Displayable):
         temperature: lowest and highest of the arm, °C; None where no file says.
         payloads: masses that the tip carries, one of them in each sample, kg; empty for none.
         payload_place: (3,) where their centre is in the frame of the tip, m.
+        motion: how the arm moves while it is seen; None for one that rests at each row.
         chain: whose samples they are, where the arm has several chains.
         base_chain: the chain from whose tip it is seen or touched; empty for its own base.
         link: as of `ObservationSpec`.
@@ -131,6 +133,7 @@ class SetSpec(Displayable):
     temperature: tuple[float, float] | None = None
     payloads: tuple[float, ...] = ()
     payload_place: tuple[float, ...] = (0.0, 0.0, 0.0)
+    motion: MotionSpec | None = None
     chain: str = ""
     base_chain: str = ""
     link: str = ""
@@ -312,6 +315,12 @@ def _medium_keys(kind: type[Term]) -> tuple[Field, ...]:
                 XYZ_MM,
                 "Position of their centre in the frame of the tip; default: its origin.",
                 given_attribute="payload_place",
+            ),
+            Field(
+                "motion",
+                mapping(MotionSpec),
+                "The arm moves smoothly while it is seen, and the samples have a column time. "
+                "Default: it rests at each row.",
             ),
             *frames,
             *([Field("orientation", FLAG, turned)] if optional else []),

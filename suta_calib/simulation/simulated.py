@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from suta_calib.arguments import checked
-from suta_calib.arrays import FloatArray
+from suta_calib.arrays import BoolArray, FloatArray
 from suta_calib.display import Displayable
 from suta_calib.errors import JobError, ParameterError
 from suta_calib.measurements import Artefact, Board, Corners, Samples, corners_of, read_artefact
@@ -22,8 +22,10 @@ from suta_calib.model.arm import ArmModel
 from suta_calib.model.parameters import Parameter
 from suta_calib.model.robot import AnyArm
 from suta_calib.simulation.inverse_kinematics import InverseKinematics, Targets
+from suta_calib.simulation.motion import MotionSpec, Passage, passage
 from suta_calib.simulation.noise import (
     encoder_readings,
+    full_circle,
     last_motions,
     outlier_displacements,
     readings_beside,
@@ -281,12 +283,18 @@ def _sighted_samples(
     """What an external instrument sees of the tip, or a camera on it, in random configurations."""
     arm, values = kinematics.arm, kinematics.values
     noise, random = plan.noise, partial(stream, seed, plan.name)
-    rests = _in_sight(plan, kinematics, values, random("configurations"))
+    time, moments = None, None
+    if plan.motion is None:
+        rests = moments = _in_sight(plan, kinematics, values, random("configurations"))
+    else:
+        moving = _moving(plan, plan.motion, kinematics, values, random("configurations"))
+        time, rests = moving.time, moving.q
+        moments = wrapped(kinematics.true, moving.seen_at)
     # At every rest each of the marks is seen.
     marks = list(plan.marks)
     labels: dict[str, Any] = {plan.term.mark: marks * plan.samples} if marks else {}
     seen_at = np.repeat(np.arange(plan.samples), max(len(marks), 1))
-    q, n = rests[seen_at], len(seen_at)
+    q, n = moments[seen_at], len(seen_at)
     conditions: dict[str, Any] = {}
     if plan.temperature is not None:
         warmth = random("temperature").uniform(*plan.temperature, plan.samples)
@@ -324,6 +332,7 @@ def _sighted_samples(
         rotation=rotation,
         origin=_origins(path, n),
         numbers=numbers,
+        time=None if time is None else time[seen_at],
         **conditions,
     )
     return SimulatedFile(path, samples, displacement, corners)
@@ -349,6 +358,32 @@ def _corners(
     # Nobody finds a corner where there is no picture.
     picture, point = np.nonzero(ideal.camera.inside(pixels))
     return corners_of(names[picture], np.array(list(board.points))[point], pixels[picture, point])
+
+
+def _moving(
+    plan: SetSpec,
+    motion: MotionSpec,
+    kinematics: InverseKinematics,
+    values: Mapping[str, float],
+    rng: np.random.Generator,
+) -> Passage:
+    """An arm on its way through random configurations, while what is looked at is in sight."""
+    arm, whole = kinematics.arm, full_circle(kinematics.true)
+    slides = np.array([joint.type == "prismatic" for joint in arm.readings])
+
+    def postures(count: int) -> FloatArray:
+        q = _in_sight(replace(plan, samples=count), kinematics, values, rng)
+        q[:, whole] = np.unwrap(q[:, whole], axis=0)
+        return q
+
+    def in_sight(q: FloatArray) -> BoolArray:
+        return _ideal(plan, arm, wrapped(kinematics.true, q), {}, values).in_sight
+
+    # What moves as fast at a lever of half a metre.
+    lever = 0.5
+    largest = motion.speed * np.where(slides, lever, 1.0)
+    seen = in_sight if plan.term.chance < 1.0 else None
+    return passage(motion, plan.samples, largest, postures, seen)
 
 
 def _in_sight(

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 import warnings
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
@@ -18,19 +19,22 @@ from suta_calib.arrays import BoolArray
 from suta_calib.display import Displayable
 from suta_calib.errors import ParameterError, SamplesError, SutaCalibWarning
 from suta_calib.measurements.fields import Value, keyed
+from suta_calib.measurements.samples import Samples
 from suta_calib.measurements.yaml_file import YamlSection
 from suta_calib.model.parameters import LEAST_SIZE, Parameter
 from suta_calib.terms.poses import ArmPoses, PoseSource
-from suta_calib.units import ms
+from suta_calib.units import from_ms, ms
 
 if TYPE_CHECKING:
     from suta_calib.model.arm import ArmModel
 
 OWNER: Final = "time_offset"
+# Share of the rows that may be left out without a word.
+MANY: Final = 0.2
 
 
 def _positive_ms(section: YamlSection, name: str) -> float:
-    return section.number(name, "positive") / 1e3
+    return from_ms(section.number(name, "positive"))
 
 
 @dataclass(frozen=True)
@@ -72,7 +76,7 @@ def clocked(poses: PoseSource, name: str, offset: TimeOffset) -> PoseSource:
     """The poses at times that an unknown of this name moves; as they are where no arm has them.
 
     Warns:
-        SutaCalibWarning: rows that are left out.
+        SutaCalibWarning: many rows that are left out.
 
     Raises:
         SamplesError: no times, or such that tell nothing of how the arm moved between them.
@@ -80,32 +84,41 @@ def clocked(poses: PoseSource, name: str, offset: TimeOffset) -> PoseSource:
     if not isinstance(poses, ArmPoses):
         return poses
     samples = poses.samples
-    if samples.motion is None or not samples.motion.of(samples.q):
-        first_time = samples.motion is None
-        samples = samples.in_motion(_turning(poses.arm))
-        moving = samples.motion
-        assert moving is not None
-        kept = moving.recording.told(moving.moment, offset.bound)
-        if first_time and not kept.all():
-            left = int(len(kept) - kept.sum())
-            near = f"nearer than {ms(offset.bound):.4g} ms to a gap in time or to the end of a file"
-            if not kept.any():
-                raise SamplesError(
-                    f"no row that is not {near}",
-                    "rows close in time, of a moving arm",
-                    where="time",
-                    hint="give a smaller bound, or record rows more often",
-                )
-            warnings.warn(
-                f"{left} of {len(kept)} rows are {near}. What the joints read before or after is "
-                "unknown, so they are left out",
-                SutaCalibWarning,
-                stacklevel=5,
-            )
-            samples = samples.take(kept)
+    before = samples.motion
+    if before is None:
+        samples = _within(samples.in_motion(_turning(poses.arm)), offset.bound)
+    elif not before.of(samples.q):
+        # Rows that are read in another way, on trial, need not be those of a motion.
+        with suppress(SamplesError):
+            samples = samples.in_motion(_turning(poses.arm))
     if samples is poses.samples and poses.clock == name:
         return poses
     return poses.by_clock(name, samples)
+
+
+def _within(samples: Samples, bound: float) -> Samples:
+    """The rows of which it is known what the joints read before and after."""
+    motion = samples.motion
+    assert motion is not None
+    kept = motion.recording.told(motion.moment, bound)
+    left = int(len(kept) - kept.sum())
+    near = f"nearer than {ms(bound):.4g} ms to a gap in time or to the end of a file"
+    if not kept.any():
+        raise SamplesError(
+            f"no row that is not {near}",
+            "rows close in time, of a moving arm",
+            where="time",
+            hint="give a smaller bound, or record rows more often",
+        )
+    # Some at both ends are always lost.
+    if left > MANY * len(kept):
+        warnings.warn(
+            f"{left} of {len(kept)} rows are {near}. What the joints read before or after is "
+            "unknown, so they are left out",
+            SutaCalibWarning,
+            stacklevel=6,
+        )
+    return samples.take(kept)
 
 
 def _turning(arm: ArmModel) -> BoolArray:

@@ -16,6 +16,7 @@ from suta_calib.solver.solution import Solution
 from suta_calib.terms.term import Term
 from suta_calib.trust.accuracy import Accuracy, assess
 from suta_calib.trust.changes import changes
+from suta_calib.trust.clocks import ClockOffset, clock_offsets
 from suta_calib.trust.contradicted_priors import ContradictedBelief, contradicted_beliefs
 from suta_calib.trust.contradictions import Contradiction, contradictions
 from suta_calib.trust.cross_validation import folds_of
@@ -158,6 +159,11 @@ class CalibrationExamination(Examination):
     def external_poses(self) -> tuple[ExternalPose, ...]:
         """Poses of cameras, instruments and artefacts; empty without convergence."""
         return external_poses(self.solution)
+
+    @cached_property
+    def clock_offsets(self) -> tuple[ClockOffset, ...]:
+        """Time offsets of instruments and cameras; empty without convergence."""
+        return clock_offsets(self)
 
     @cached_property
     def scale_effects(self) -> tuple[ScaleEffect, ...]:

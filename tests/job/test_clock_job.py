@@ -55,7 +55,6 @@ def changed(job: Path, *changes: tuple[str, str]) -> Path:
     return job
 
 
-@pytest.mark.filterwarnings("ignore:2 of")
 def test_a_late_instrument_is_found_and_the_tip_is_as_with_a_true_clock(
     job: Path, tmp_path: Path
 ) -> None:
@@ -63,6 +62,11 @@ def test_a_late_instrument_is_found_and_the_tip_is_as_with_a_true_clock(
     found = late["parameters"][CLOCK]
     assert found["unit"] == "s"
     assert abs(found["value"] + 0.02) < min(1e-3, 3.0 * found["std"])
+    (clock,) = late["time_offsets"].values()
+    assert (clock["rows"], clock["left_out"]) == (198, 2)
+    assert clock["offset_ms"] == pytest.approx(1e3 * found["value"])
+    # Without it the rows would be wrong by the way of the tip in 20 ms.
+    assert 1.0 < clock["tip_mm"] < 20.0 > 100.0 * clock["tip_std_mm"]
     assert late["verdict"]["level"] == "good", late["verdict"]
     assert not any("moved" in note or "slip" in note for note in late["verdict"]["notes"])
     on_time = MovingArm(0.0, rows=260, begin=0.0)
@@ -82,7 +86,7 @@ def test_what_one_row_says_of_a_clock_holds_for_all_with_its_label(job: Path) ->
     assert read_job(job).validation[0].time_offset is None
 
 
-@pytest.mark.filterwarnings("default:2 of", "default:.*samples without a column time")
+@pytest.mark.filterwarnings("default:.*samples without a column time")
 def test_held_out_rows_without_times_are_taken_as_they_are(job: Path) -> None:
     moving = MovingArm(-0.02, rows=260, begin=0.0)
     written(job.parent / "held.csv", moving, slice(200, None), time=False)

@@ -48,6 +48,7 @@ def test_what_looks_like_other_faults_is_said_first(seed: int, late: float) -> N
     first, *_ = notes(seed, late)
     assert "The arm moved while the rows of tracked point were measured" in first
     assert "readings were taken before" in first
+    assert "the key time_offset_ms: {bound: 100}" in first
 
 
 def test_a_moving_arm_with_one_clock_is_told_nothing_of_time() -> None:
