@@ -99,6 +99,24 @@ def test_every_layout(layout: str, tmp_path: Path) -> None:
     assert rows.assessment.level == "good"
 
 
+@pytest.mark.parametrize(
+    "names",
+    [
+        "time,a_x,a_y,a_z,a_qx,a_qy,a_qz,a_qw",
+        "time,x,y,z",
+        "time,joint_1,ax,ay,az",
+        "ax,ay,az,landmark",
+        "time,max,may,maz",
+    ],
+)
+def test_tables_of_other_things_are_not_taken_for_an_accelerometers(
+    names: str, tmp_path: Path
+) -> None:
+    path = tmp_path / "a.csv"
+    path.write_text(f"{names}\n" + ",".join("1" * len(names.split(","))) + "\n")
+    assert recognised(path).name == "table"
+
+
 def test_a_table_without_names(tmp_path: Path) -> None:
     path = table(tmp_path / "log.csv", "# bench", TIME, FELT)
     rows = imported(path, "accelerometer", columns="1=time,2=ax,3=ay,4=az")

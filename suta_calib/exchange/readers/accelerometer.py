@@ -15,7 +15,7 @@ from suta_calib.exchange.sheet import Sheet
 from suta_calib.words import listed
 
 _AXIS: Final = re.compile(
-    r"(?:.*[._/ ])?(?:a|acc|accel|acceleration|accelerometer|gF)[._]?([xyz])(?:\s*[\[(].*)?",
+    r"(?:.*[._/ ])?(?:a|(?:gF|acc|accel|acceleration|accelerometer)[._]?)([xyz])(?:\s*[\[(].*)?",
     re.IGNORECASE,
 )
 _TIME: Final = re.compile(
