@@ -214,13 +214,15 @@ class Couplings:
     other parameter.
 
     Attributes:
-        ratios: by name of the parameter: what the joint turns (or slides) for one unit of the
-            other's reading, beside its own.
+        ratios: by joint and other joint, as the URDF calls them: what the joint turns (or slides)
+            for one unit of the other's reading, beside its own.
         section: where the job says so, for messages.
+        robot: of a cell, whose joints they are; empty for that of a job with one.
     """
 
-    ratios: dict[str, float]
+    ratios: dict[tuple[str, str], float]
     section: YamlSection = field(repr=False, compare=False)
+    robot: str = ""
 
     @classmethod
     def read(cls, arm: YamlSection, key: str) -> Couplings:
@@ -231,7 +233,7 @@ class Couplings:
         """
         section = arm.section(key)
         ratios = {
-            f"{joint}.{coupling_key(other)}": of_joint.number(other)
+            (joint, other): of_joint.number(other)
             for joint in section.data
             for of_joint in [section.section(joint)]
             for other in of_joint.data
@@ -239,9 +241,17 @@ class Couplings:
         return cls(ratios, section)
 
     @property
+    def values(self) -> dict[str, float]:
+        """The same by name of the parameter."""
+        return {
+            f"{within(self.robot, joint)}.{coupling_key(within(self.robot, other))}": ratio
+            for (joint, other), ratio in self.ratios.items()
+        }
+
+    @property
     def selection(self) -> Selection:
         """The row that names them among a job's parameters, so that a result says what they are."""
-        return Selection(tuple(self.ratios), fixed=True, line=self.section.line)
+        return Selection(tuple(self.values), fixed=True, line=self.section.line)
 
     def on(self, arm: _AnyMechanism) -> _AnyMechanism:
         """The arm with its joints coupled so.
@@ -249,23 +259,28 @@ class Couplings:
         Raises:
             JobError: the arm has no such joints, or they cannot be coupled.
         """
-        for joint, masters in self.section.data.items():
-            possible = [arm.couplings[n] for n in arm.couplings if arm.offered[n].owner == joint]
+        prefix = within(self.robot, "")
+        pairs = [
+            (arm.offered[name].owner.removeprefix(prefix), other.removeprefix(prefix))
+            for name, other in arm.couplings.items()
+            if name.startswith(prefix)
+        ]
+        for joint, other in self.ratios:
+            possible = [o for owner, o in pairs if owner == joint]
             if not possible:
-                joints = dict.fromkeys(arm.offered[n].owner for n in arm.couplings)
+                joints = dict.fromkeys(owner for owner, _ in pairs)
                 expected = f"one of {', '.join(joints)}" if joints else "an arm with two joints"
                 raise self.section.refuse(
                     "no joint that can be coupled to it", expected, at=(joint,)
                 )
-            for other in masters:
-                if other not in possible:
-                    raise self.section.refuse(
-                        f"no joint whose reading can also move {joint}",
-                        f"one of {', '.join(possible)}: another joint of the chain that turns "
-                        "or slides as this one does",
-                        at=(joint, other),
-                    )
-        return arm.at(self.ratios)
+            if other not in possible:
+                raise self.section.refuse(
+                    f"no joint whose reading can also move {joint}",
+                    f"one of {', '.join(possible)}: another joint of the chain that turns "
+                    "or slides as this one does",
+                    at=(joint, other),
+                )
+        return arm.at(self.values)
 
 
 CHAIN_KEYS: Final = Fields(
@@ -315,19 +330,55 @@ def _chains(arm: YamlSection, key: str) -> dict[str, ChainSpec]:
     return chains
 
 
-@dataclass(frozen=True, eq=False)
-class CellRobot(Displayable):
-    """One of several robots in one cell: an entry of ``robots``."""
+@dataclass(frozen=True)
+class RobotSpec(Displayable):
+    """What a job says of a robot: of its only one, or of each in a cell."""
 
     urdf: UrdfFile = keyed(URDF)
     tip: str = keyed(replace(TIP, required=False), "", "")
     base: str | None = keyed(BASE, "", None)
     chains: Mapping[str, ChainSpec] = keyed(
         Value("chains by name", _chains, fields_of(ChainSpec)),
-        "Several chains of this robot, in place of tip. Rows call them NAME_CHAIN.",
+        "Several chains that share joints, in place of tip: {left: {tip: left_hand}, right: {tip: "
+        "right_hand}}. Every row of observations and validation then names its chain.",
         dict,
     )
     tip_offset: TipOffset | None = keyed(_TIP_OFFSET, "", None)
+    couplings: Couplings | None = keyed(
+        Value("by joint, numbers by joint", Couplings.read),
+        "Joints that the readings of other joints move too, as through a parallelogram: "
+        "{joint_3: {joint_2: -1}} turns joint_3 by -1 times the reading of joint_2 as well. The "
+        "number is fixed, unless a row estimates joint_3.coupling[joint_2].",
+        None,
+    )
+    loops: tuple[Loop, ...] = keyed(
+        rows(read_loop, LOOP_KEYS),
+        "Closed loops beside the tree of the URDF, such as the four-bar of a palletizing arm: "
+        "two frames that a pin joins, and the two joints without an encoder.",
+        (),
+    )
+    gravity: FloatArray | None = keyed(GRAVITY, "", None)
+    tilt_sensors: tuple[TiltSensor, ...] = keyed(
+        rows(_read_tilt_sensor, TILT_KEYS),
+        "Accelerometers on links that sink or bend: {link: base_link, columns: [base_ax, base_ay, "
+        "base_az]}. In each row the link is turned by what its sensor felt beyond the model, about "
+        "a point whose share of the way to the joints that it carries is estimated.",
+        (),
+    )
+    grade: str = keyed(
+        choice(GRADES, "certified, machined or printed"),
+        "How the arm was made. It sets the tolerance of the dimensions that are not estimated, and "
+        "of a common scale of all lengths. Every ± that depends on them includes this tolerance. "
+        "If it is not given, the errors of the estimated dimensions set the tolerance, but never "
+        "less than that of machined parts.",
+        "",
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class CellRobot(RobotSpec):
+    """One of several robots in one cell: an entry of ``robots``."""
+
     pose: GivenPose | None = keyed(
         Value("mapping", lambda row, key: GivenPose.read(row.section(key)), POSE_KEYS),
         "Where its base stands in the base of the first robot; without it, it is estimated.",
@@ -363,65 +414,50 @@ class CellRobot(Displayable):
 
 
 @dataclass(frozen=True)
-class ArmSpec(Displayable):
+class ArmSpec(RobotSpec):
     """The key ``arm`` of a job; ``section`` is where it stands, None for no job.
 
     Attributes:
         robots: of a cell, by name (the key ``robots`` in place of ``arm``); its chains are then
             those of all of them.
+        joined: whether the URDF has all robots of the cell in it, as a calibrated one.
     """
 
-    urdf: UrdfFile = keyed(URDF)
-    tip: str = keyed(replace(TIP, required=False), "", "")
-    base: str | None = keyed(BASE, "", None)
-    chains: Mapping[str, ChainSpec] = keyed(
-        Value("chains by name", _chains, fields_of(ChainSpec)),
-        "Several chains that share joints, in place of tip: {left: {tip: left_hand}, right: {tip: "
-        "right_hand}}. Every row of observations and validation then names its chain.",
-        dict,
-    )
-    tip_offset: TipOffset | None = keyed(_TIP_OFFSET, "", None)
     section: YamlSection | None = field(default=None, repr=False, compare=False)
-    couplings: Couplings | None = keyed(
-        Value("by joint, numbers by joint", Couplings.read),
-        "Joints that the readings of other joints move too, as through a parallelogram: "
-        "{joint_3: {joint_2: -1}} turns joint_3 by -1 times the reading of joint_2 as well. The "
-        "number is fixed, unless a row estimates joint_3.coupling[joint_2].",
-        None,
-    )
-    loops: tuple[Loop, ...] = keyed(
-        rows(read_loop, LOOP_KEYS),
-        "Closed loops beside the tree of the URDF, such as the four-bar of a palletizing arm: "
-        "two frames that a pin joins, and the two joints without an encoder.",
-        (),
-    )
-    gravity: FloatArray | None = keyed(GRAVITY, "", None)
-    tilt_sensors: tuple[TiltSensor, ...] = keyed(
-        rows(_read_tilt_sensor, TILT_KEYS),
-        "Accelerometers on links that sink or bend: {link: base_link, columns: [base_ax, base_ay, "
-        "base_az]}. In each row the link is turned by what its sensor felt beyond the model, about "
-        "a point whose share of the way to the joints that it carries is estimated.",
-        (),
-    )
-    grade: str = keyed(
-        choice(GRADES, "certified, machined or printed"),
-        "How the arm was made. It sets the tolerance of the dimensions that are not estimated, and "
-        "of a common scale of all lengths. Every ± that depends on them includes this tolerance. "
-        "If it is not given, the errors of the estimated dimensions set the tolerance, but never "
-        "less than that of machined parts.",
-        "",
-    )
     robots: Mapping[str, CellRobot] = field(default_factory=dict)
+    joined: bool = False
 
     @property
     def selections(self) -> tuple[Selection, ...]:
         """Rows among a job's parameters, before its own, of what it says of the arm."""
-        bases = [*self.robots.items()][1:]
+        bases = [] if self.joined else [*self.robots.items()][1:]
         return (
             *(offset.selection(tip) for tip, offset in self.tips.items() if offset is not None),
-            *([] if self.couplings is None else [self.couplings.selection]),
-            *(row for sensor in self.tilt_sensors for row in sensor.selections),
+            *(couplings.selection for couplings in self._couplings),
+            *(row for sensor in self._tilt_sensors for row in sensor.selections),
             *(row for name, robot in bases for row in robot.selections(name)),
+        )
+
+    @property
+    def _said(self) -> dict[str, RobotSpec]:
+        """What is said of the only robot, by no name, or of each in a cell."""
+        return {**self.robots} or {"": self}
+
+    @property
+    def _couplings(self) -> list[Couplings]:
+        said = self._said.items()
+        return [replace(s.couplings, robot=name) for name, s in said if s.couplings is not None]
+
+    @property
+    def _loops(self) -> tuple[Loop, ...]:
+        return tuple(loop.within(name) for name, s in self._said.items() for loop in s.loops)
+
+    @property
+    def _tilt_sensors(self) -> tuple[TiltSensor, ...]:
+        return tuple(
+            replace(sensor, link=within(name, sensor.link))
+            for name, spec in self._said.items()
+            for sensor in spec.tilt_sensors
         )
 
     @property
@@ -495,14 +531,15 @@ class ArmSpec(Displayable):
 
     def _robot(self, pairs: Iterable[tuple[str, str]]) -> Robot:
         ends = self.ends(pairs)
-        if not self.robots:
-            return Robot.from_urdf(self.urdf, ends, self.loops)
+        if not self.robots or self.joined:
+            return Robot.from_urdf(self.urdf, ends, self._loops)
         given = {name: robot.pose for name, robot in self.robots.items() if robot.pose is not None}
         poses = {
             name: (np.eye(3) if pose.rotation is None else pose.rotation, pose.position)
             for name, pose in given.items()
         }
-        cell = Robot.of_cell({n: robot.urdf for n, robot in self.robots.items()}, ends, poses)
+        urdfs = {name: robot.urdf for name, robot in self.robots.items()}
+        cell = Robot.of_cell(urdfs, ends, poses, self._loops)
         passed = {parameter.owner for parameter in cell.parameters.values()}
         for name in [*self.robots][1:]:
             if base_owner(name) not in passed and self.section is not None:
@@ -540,20 +577,22 @@ class ArmSpec(Displayable):
             own = problem.where in self.section and not self.chains
             at, hint = (problem.where,) if own else (), problem.hint
             raise self.section.refuse(problem.found, expected, at=at, hint=hint) from None
-        if self.couplings is not None:
-            arm = self.couplings.on(arm)
+        for couplings in self._couplings:
+            arm = couplings.on(arm)
         if self.gravity is not None:
             arm = arm.with_gravity(self.gravity)
-        if self.tilt_sensors:
+        if self._tilt_sensors:
             try:
-                arm = arm.with_tilt_sensors(self.tilt_sensors)
+                arm = arm.with_tilt_sensors(self._tilt_sensors)
             except UrdfError as problem:
                 if self.section is None:
                     raise
+                at = () if self.robots else ("tilt_sensors",)
                 raise self.section.refuse(
-                    problem.found, problem.expected, at=("tilt_sensors",), hint=problem.hint
+                    problem.found, problem.expected, at=at, hint=problem.hint
                 ) from None
-        return self.with_offsets(arm.of_grade(self.grade))
+        grades = {name: spec.grade for name, spec in self._said.items()}
+        return self.with_offsets(arm.of_grade(grades))
 
     def with_offsets(self, arm: _AnyMechanism) -> _AnyMechanism:
         """The arm with its tips where `tips` says.
@@ -590,7 +629,8 @@ class ArmSpec(Displayable):
 
     def _of(self, urdf: UrdfFile) -> ArmSpec:
         chains = {n: replace(chain, tip_offset=None) for n, chain in self.chains.items()}
-        return replace(self, urdf=urdf, tip_offset=None, chains=chains, section=None, robots={})
+        more: dict[str, Any] = {"section": None, "joined": bool(self.robots)}
+        return replace(self, urdf=urdf, tip_offset=None, chains=chains, **more)
 
 
 def read_arm(top: YamlSection, urdf: UrdfFile | None = None) -> ArmSpec:
@@ -634,11 +674,23 @@ def _read_cell(top: YamlSection, urdf: UrdfFile | None) -> ArmSpec:
         if bool(robot.tip) == bool(robot.chains):
             found = "both tip and chains" if robot.tip else "neither tip nor chains"
             raise where.refuse(found, "one of them")
+    for name in names[1:]:
+        if robots[name].gravity is not None:
+            hint = "gravity points along the axes of the first robot's base, which is the cell's"
+            where = section.section(name)
+            expected = f"gravity in the entry of {names[0]}"
+            raise where.refuse(f"gravity in that of {name}", expected, at=("gravity",), hint=hint)
     if robots[names[0]].pose is not None:
         expected = "none: its base is that of the cell"
         hint = "give the pose of the other robot's base in it"
         where = section.section(names[0])
         raise where.refuse("a pose of the first robot", expected, at=("pose",), hint=hint)
     chains = {c: spec for name, robot in robots.items() for c, spec in robot.in_cell(name).items()}
-    spec = ArmSpec(robots[names[0]].urdf, chains=chains, section=section, robots=robots)
+    spec = ArmSpec(
+        robots[names[0]].urdf,
+        chains=chains,
+        gravity=robots[names[0]].gravity,
+        section=section,
+        robots=robots,
+    )
     return spec if urdf is None else replace(spec._of(urdf), section=section)

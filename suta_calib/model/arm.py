@@ -85,8 +85,8 @@ class ArmModel(Mechanism):
         model: `pin.Model` in which the chain's joints move, and all others are fixed.
         segments: the same chain as Pinocchio understood it.
         parameters: every placement and offset that could be unknown, all at nominal.
-        grade: how it was made, of `measurements.scale.GRADES`, where somebody says it: how far held
-            dimensions may be from the drawing.
+        grades: how it was made, of `measurements.scale.GRADES`, and so how far held dimensions may
+            be from the drawing; empty where nobody says it. In a cell by robot, else by no name.
         nongeometric: gain of its joints, and coupling of each to every other of its kind;
             eccentricity, compliance and backlash of its revolute ones; bending of its joints;
             expansion of its links, together and each by itself (`kinematics`): zero unless the arm
@@ -105,7 +105,7 @@ class ArmModel(Mechanism):
     ) -> None:
         self.chain = chain
         self.model = model
-        self.grade = ""
+        self.grades: Mapping[str, str] = {"": ""}
         self.gravity = model.gravity.linear.copy()
         self.readings = chain.moving
         self.bodies = ALONE
@@ -182,10 +182,12 @@ class ArmModel(Mechanism):
         arm.check_masses(n for n, p in arm.nongeometric.items() if p.nominal)
         return arm
 
-    def of_grade(self, grade: str) -> ArmModel:
-        """The same arm, made like this: one of `measurements.scale.GRADES`."""
+    def of_grade(self, grade: str | Mapping[str, str]) -> ArmModel:
+        """The same arm, made like this: one of `measurements.scale.GRADES`; in a cell by robot."""
         arm = copy(self)
-        arm.grade = grade
+        arm.grades = {"": grade} if isinstance(grade, str) else grade
+        passed = {arm.maker(segment.owner) for segment in self.segments}
+        arm.grades = {robot: made for robot, made in arm.grades.items() if robot in passed}
         return arm
 
     def with_gravity(self, direction: ArrayLike) -> ArmModel:

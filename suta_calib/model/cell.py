@@ -54,8 +54,8 @@ class CellTree(UrdfTree):
 
 
 def within(name: str, of_robot: str) -> str:
-    """What a link or joint of one robot is called in the cell."""
-    return f"{name}/{of_robot}"
+    """What a link or joint of one robot is called in the cell; as its URDF does without a name."""
+    return f"{name}/{of_robot}" if name else of_robot
 
 
 def joined_tree(

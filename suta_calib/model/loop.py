@@ -24,6 +24,7 @@ from suta_calib.arrays import FloatArray
 from suta_calib.display import Displayable
 from suta_calib.errors import UrdfError, did_you_mean
 from suta_calib.geometry.numbers import rotation_from_rpy
+from suta_calib.model.cell import within
 from suta_calib.model.chain import Chain, ChainJoint, LoopJoints, chain_joint
 from suta_calib.model.urdf_tree import TreeJoint, UrdfTree, quoted
 from suta_calib.units import mm
@@ -51,6 +52,12 @@ class Loop(Displayable):
     frames: tuple[str, str]
     passive: tuple[str, str]
     line: int | None = None
+
+    def within(self, robot: str) -> Loop:
+        """The same in a cell, of the robot of this name."""
+        first, second = (within(robot, name) for name in self.frames)
+        left, right = (within(robot, name) for name in self.passive)
+        return replace(self, frames=(first, second), passive=(left, right))
 
 
 def loop_of(tree: UrdfTree, loop: Loop) -> LoopJoints:

@@ -40,7 +40,8 @@ class Mechanism(Displayable):
         loop_segments: the joints of closed loops that are on no chain.
         parameters: every placement and offset that could be unknown, all at nominal.
         nongeometric: errors beside the geometry, such as gain or compliance; zero at nominal.
-        grade: how it was made, of `measurements.scale.GRADES`; empty if nobody says it.
+        grades: how it was made, of `measurements.scale.GRADES`; empty if nobody says it. In a cell
+            by robot, else by no name.
     """
 
     readings: tuple[ChainJoint, ...]
@@ -48,7 +49,7 @@ class Mechanism(Displayable):
     loop_segments: tuple[Segment, ...]
     parameters: ParameterSet
     nongeometric: ParameterSet
-    grade: str
+    grades: Mapping[str, str]
 
     @property
     @abstractmethod
@@ -88,6 +89,17 @@ class Mechanism(Displayable):
     @abstractmethod
     def origins(self, values: Mapping[str, float]) -> Origins:
         """Position (3,), m, and rpy (3,), rad, of every joint's origin as in `calibrated_urdf`."""
+
+    @property
+    def grade(self) -> str:
+        """How all of it was made; empty if nobody says it, or if the robots of a cell differ."""
+        made = {*self.grades.values()}
+        return made.pop() if len(made) == 1 else ""
+
+    def maker(self, owner: str) -> str:
+        """By which of `grades` a joint was made."""
+        robot, _, _ = owner.partition("/")
+        return robot if robot in self.grades else ""
 
     @property
     def joints(self) -> tuple[str, ...]:

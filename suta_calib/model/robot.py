@@ -84,6 +84,7 @@ class Robot(Mechanism):
         urdfs: Mapping[str, str | Path | XacroFile],
         chains: Mapping[str, tuple[str, str | None]] | None = None,
         poses: Mapping[str, BasePose] | None = None,
+        loops: Sequence[Loop] = (),
     ) -> Robot:
         """Read several robots in one cell.
 
@@ -101,11 +102,13 @@ class Robot(Mechanism):
             chains: as of `from_urdf`; the base of the first robot by default.
             poses: rotation (3, 3) and position (3,), m, of a robot's base in that of the first one.
                 `calibrate` estimates the poses that are not given.
+            loops: as of `from_urdf`; the cell calls links and joints after the robot
+                (`Loop.within`).
 
         Raises:
             UrdfError: as of `from_urdf`, or a name or a pose of no robot.
         """
-        robot = cls({}, joined_tree(urdfs, poses or {}))
+        robot = cls({}, joined_tree(urdfs, poses or {}), loops)
         robot._add({name: robot._read(*ends) for name, ends in (chains or {}).items()})
         return robot
 
@@ -256,9 +259,9 @@ class Robot(Mechanism):
         return frozenset().union(*(arm.geometric for arm in self.chains.values()))
 
     @property
-    def grade(self) -> str:  # type: ignore[override]
-        """How it was made, where somebody says it."""
-        return next(iter(self.chains.values())).grade if self.chains else ""
+    def grades(self) -> dict[str, str]:  # type: ignore[override]
+        """Of all chains."""
+        return {robot: grade for a in self.chains.values() for robot, grade in a.grades.items()}
 
     @property
     def urdf(self) -> tuple[Path, bytes]:
@@ -277,8 +280,8 @@ class Robot(Mechanism):
         moved = {name: arm.at(values) for name, arm in self.chains.items()}
         return Robot(moved, self._tree, self._loops)
 
-    def of_grade(self, grade: str) -> Robot:
-        """The same robot, made like this: one of `measurements.scale.GRADES`."""
+    def of_grade(self, grade: str | Mapping[str, str]) -> Robot:
+        """The same robot, made like this (as of `ArmModel`)."""
         made = {name: arm.of_grade(grade) for name, arm in self.chains.items()}
         return Robot(made, self._tree, self._loops)
 

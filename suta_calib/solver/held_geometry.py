@@ -161,28 +161,32 @@ def drawing_covariance(
     estimated ones of their sort turned out to be, for they stand in the same drawing, but no better
     than machined ones.
     """
-    assert fit.problem.arm is not None
-    # Of an arm of which nobody says it, at least: what is estimated may show that it is worse.
-    grade = fit.problem.arm.grade or "machined"
-    length, angle = TOLERANCES[grade]
-    departures = {
-        keys: float(least)
-        for keys, least in ((POSITION, length), (ROTATION, angle), ((OFFSET,), angle))
-    }
-    if not fit.problem.arm.grade:
-        for keys, least in departures.items():
-            departures[keys] = max(least, _departures(fit, within, keys))
-    key_of = [n.rpartition(".")[2] for n in names]
-    std = np.array([next(s for keys, s in departures.items() if key in keys) for key in key_of])
-    common = GRADES[grade] * np.where([key in POSITION for key in key_of], nominal, 0.0)
-    return np.asarray(np.diag(std**2) + np.outer(common, common))
+    arm = fit.problem.arm
+    assert arm is not None
+    covariance = np.zeros((len(names), len(names)))
+    held = [(arm.maker(p.owner), p.key) for name in names for p in [arm.offered[name]]]
+    # Each robot of a cell has a drawing of its own.
+    for robot, stated in arm.grades.items():
+        # Of an arm of which nobody says it, at least: what is estimated may show that it is worse.
+        grade = stated or "machined"
+        length, angle = TOLERANCES[grade]
+        for keys, least in ((POSITION, length), (ROTATION, angle), ((OFFSET,), angle)):
+            std = least if stated else max(least, _departures(fit, within, keys, robot))
+            for k, (maker, key) in enumerate(held):
+                if maker == robot and key in keys:
+                    covariance[k, k] = std**2
+        of_robot = [maker == robot and key in POSITION for maker, key in held]
+        common = GRADES[grade] * np.where(of_robot, nominal, 0.0)
+        covariance += np.outer(common, common)
+    return covariance
 
 
-def _departures(fit: Fitted, within: FloatArray, keys: tuple[str, ...]) -> float:
+def _departures(fit: Fitted, within: FloatArray, keys: tuple[str, ...], robot: str) -> float:
     """Root mean square by which estimated parameters of a sort are off nominal beyond noise."""
-    variance, squares = np.diag(within), list[float]()
+    variance, squares, arm = np.diag(within), list[float](), fit.problem.arm
+    assert arm is not None
     for k, p in enumerate(fit.problem.arm_parameters.values()):
-        if p.free and p.key in keys and variance[k] > 0:
+        if p.free and p.key in keys and arm.maker(p.owner) == robot and variance[k] > 0:
             squares.append((float(fit.x[k]) - p.nominal) ** 2 - float(variance[k]))
     return math.sqrt(max(float(np.mean(squares)), 0.0)) if squares else 0.0
 

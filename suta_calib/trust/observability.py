@@ -192,7 +192,7 @@ class Observability(Displayable):
         """Care where other data could tell what these cannot; `explanations` say which."""
         open_ones = len(self.unidentified) > len(self.redundant)
         arm = self.problem.arm
-        assumed = bool(self.notes) and (arm is None or not arm.grade)
+        assumed = bool(self.notes) and (arm is None or not all(arm.grades.values()))
         return Assessment("care" if open_ones or assumed else "good", self.sentence, self.notes)
 
 

@@ -23,15 +23,19 @@ from suta_calib.arrays import FloatArray
 from suta_calib.geometry.numbers import rotation_from_rpy, rotation_from_vector
 from suta_calib.model.parameters import PLACEMENT
 from suta_calib.simulation.inverse_kinematics import InverseKinematics, Targets
+from suta_calib.solver.fitted import Fitted
+from suta_calib.solver.held_geometry import drawing_covariance
 from suta_calib.solver.robot_bases import with_bases_found
 from suta_calib.solver.solve import solve
 from tests.support.cli_job import answer, cli
+from tests.support.palletizer import palletizer, palletizer_urdf
 from tests.support.simulated import SUTA_URDF
 
 # Where the base of robot b stands in that of robot a.
 STANDS = rotation_from_vector([0.1, -0.2, 2.5]), np.array([0.7, 0.1, 0.05])
 BASE = tuple(f"robot[b].{key}" for key in PLACEMENT)
 TWO = {"a": SUTA_URDF, "b": SUTA_URDF}
+SUTA = SUTA_URDF, "tip"
 # What a contact between the two tells of each.
 TOLD = tuple(f"{robot}/joint_{k}.offset" for robot in "ab" for k in (2, 3, 4, 5))
 
@@ -272,3 +276,94 @@ def test_robots_are_named_so_that_joints_can_be_called_after_them():
         Robot.of_cell(TWO, poses={"a": STANDS})
     with pytest.raises(InputError, match="letters, digits"):
         Robot.of_cell({"a": SUTA_URDF, "b/c": SUTA_URDF})
+
+
+ROBOTS = """\
+robots:
+  p:
+    {urdf: p.urdf, tip: tool, gravity: [0, -1, 0], grade: printed,
+     loops: [{frames: [tail_link, pin_link], passive: [elbow, coupler]}]}
+  b: {urdf: b.urdf, tip: tip, grade: certified, couplings: {joint_3: {joint_2: -1}}}
+"""
+
+
+@pytest.fixture
+def mixed(tmp_path: Path) -> Path:
+    """A palletizer with a four-bar beside an arm whose second motor drags its third joint."""
+    (tmp_path / "p.urdf").write_text(palletizer_urdf())
+    (tmp_path / "b.urdf").write_bytes(SUTA_URDF.read_bytes())
+    rng, robots = np.random.default_rng(0), {"p": palletizer(), "b": ArmModel.from_urdf(*SUTA)}
+    rows = []
+    for name, arm in robots.items():
+        q = rng.uniform(-0.5, 0.5, (30, len(arm.joints)))
+        header = ",".join(("x", "y", "z", *arm.joints))
+        lines = [",".join(map(str, row)) for row in np.hstack([arm.forward(q)[1], q]).tolist()]
+        (tmp_path / f"{name}.csv").write_text("\n".join([header, *lines]) + "\n")
+        rows.append(f"  - {{kind: tracked_point, chain: {name}, samples: {name}.csv}}\n")
+    text = f"{ROBOTS}parameters: [{{select: '*.offset', prior_deg: 1}}]\nobservations:\n"
+    (tmp_path / "calibration.yaml").write_text(text + "".join(rows))
+    return tmp_path / "calibration.yaml"
+
+
+def test_what_is_said_of_one_robot_is_so_of_it_alone(mixed: Path):
+    loaded = CalibrationJob.load(mixed)
+    robot, rng = loaded.arm, np.random.default_rng(1)
+    assert isinstance(robot, Robot)
+    # The four-bar of the palletizer, and not of the other.
+    q = rng.uniform(-0.5, 0.5, (4, 5))
+    np.testing.assert_allclose(
+        robot.chains["p"].forward(q)[1], palletizer().forward(q)[1], atol=1e-12
+    )
+    # The coupling of the other.
+    held = loaded.parameters["b/joint_3.coupling[b/joint_2]"]
+    assert (held.nominal, held.free) == (-1.0, False)
+    q = rng.uniform(-0.5, 0.5, (4, 6))
+    angles = q - np.outer(q[:, 1], np.eye(6)[2])
+    alone = ArmModel.from_urdf(*SUTA)
+    np.testing.assert_allclose(
+        robot.chains["b"].forward(q)[1], alone.forward(angles)[1], atol=1e-12
+    )
+    # How each was made, and where gravity points for both.
+    assert robot.grades == {"p": "printed", "b": "certified"}
+    assert robot.chains["b"].grade == "certified"
+    assert robot.grade == ""
+    for arm in robot.chains.values():
+        np.testing.assert_allclose(arm.gravity / np.linalg.norm(arm.gravity), [0, -1, 0])
+
+
+def test_a_urdf_of_the_whole_cell_has_what_is_said_of_its_robots(mixed: Path, tmp_path: Path):
+    loaded = CalibrationJob.load(mixed)
+    urdf = tmp_path / "whole.urdf"
+    urdf.write_bytes(loaded.arm.calibrated_urdf({}))
+    whole = loaded.spec.arm.mechanism_of(urdf, loaded.spec.pairs)
+    q = np.random.default_rng(2).uniform(-0.5, 0.5, (4, 11))
+    for one, other in zip(whole.arms, loaded.arm.arms, strict=True):
+        np.testing.assert_allclose(one.forward(q)[1], other.forward(q)[1], atol=1e-9)
+    assert whole.grades == loaded.arm.grades
+
+
+def test_what_is_held_is_as_far_off_as_its_own_robot_allows(mixed: Path):
+    """Lengths of a printed robot are off by 0.2 mm, those of a certified one by 0.005 mm."""
+    problem = CalibrationJob.load(mixed).problem()
+    names = ["p/shoulder.x", "b/joint_2.x", "p/shoulder.ry"]
+    fit = Fitted(problem, problem.start(), problem.assumed_sigmas(), np.zeros(0, dtype=int))
+    spread = drawing_covariance(fit, np.zeros((len(fit.x),) * 2), names, np.zeros(3))
+    stds = np.sqrt(np.diag(spread)) * [1e3, 1e3, np.degrees(1)]
+    np.testing.assert_allclose(stds, [0.2, 0.005, 0.2], rtol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("[elbow, coupler]", "[elbow, kupler]", "kupler"),
+        ("{joint_3: {joint_2", "{joint_3: {elbow", r"couplings\.joint_3\.elbow: .*joint_1"),
+        ("grade: certified", "grade: best", "best"),
+        ("tip: tip, grade", "tip: tip, gravity: [0, 0, -1], grade", "gravity in the entry of p"),
+    ],
+)
+def test_what_is_wrong_with_one_robot_is_said(mixed: Path, old: str, new: str, message: str):
+    text = mixed.read_text()
+    assert old in text
+    mixed.write_text(text.replace(old, new))
+    with pytest.raises(InputError, match=message):
+        CalibrationJob.load(mixed)
