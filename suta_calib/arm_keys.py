@@ -454,6 +454,8 @@ class ArmSpec(RobotSpec):
 
     @property
     def _tilt_sensors(self) -> tuple[TiltSensor, ...]:
+        if self.joined:
+            return self.tilt_sensors
         return tuple(
             replace(sensor, link=within(name, sensor.link))
             for name, spec in self._said.items()
@@ -629,8 +631,8 @@ class ArmSpec(RobotSpec):
 
     def _of(self, urdf: UrdfFile) -> ArmSpec:
         chains = {n: replace(chain, tip_offset=None) for n, chain in self.chains.items()}
-        more: dict[str, Any] = {"section": None, "joined": bool(self.robots)}
-        return replace(self, urdf=urdf, tip_offset=None, chains=chains, **more)
+        more: dict[str, Any] = {"tip_offset": None, "section": None, "joined": bool(self.robots)}
+        return replace(self, urdf=urdf, chains=chains, tilt_sensors=self._tilt_sensors, **more)
 
 
 def read_arm(top: YamlSection, urdf: UrdfFile | None = None) -> ArmSpec:
@@ -679,7 +681,9 @@ def _read_cell(top: YamlSection, urdf: UrdfFile | None) -> ArmSpec:
             hint = "gravity points along the axes of the first robot's base, which is the cell's"
             where = section.section(name)
             expected = f"gravity in the entry of {names[0]}"
-            raise where.refuse(f"gravity in that of {name}", expected, at=("gravity",), hint=hint)
+            raise where.refuse(
+                f"gravity in that of {name}", expected, at=(GRAVITY.name,), hint=hint
+            )
     if robots[names[0]].pose is not None:
         expected = "none: its base is that of the cell"
         hint = "give the pose of the other robot's base in it"

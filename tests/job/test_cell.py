@@ -335,7 +335,7 @@ def test_a_urdf_of_the_whole_cell_has_what_is_said_of_its_robots(mixed: Path, tm
     loaded = CalibrationJob.load(mixed)
     urdf = tmp_path / "whole.urdf"
     urdf.write_bytes(loaded.arm.calibrated_urdf({}))
-    whole = loaded.spec.arm.mechanism_of(urdf, loaded.spec.pairs)
+    whole = loaded.spec.arm.mechanism_of(urdf, loaded.arm, loaded.spec.pairs)
     q = np.random.default_rng(2).uniform(-0.5, 0.5, (4, 11))
     for one, other in zip(whole.arms, loaded.arm.arms, strict=True):
         np.testing.assert_allclose(one.forward(q)[1], other.forward(q)[1], atol=1e-9)
