@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any, Final
@@ -19,7 +19,6 @@ from suta_calib.errors import ForeignFileError, InputError
 from suta_calib.exchange.cells import is_folder
 from suta_calib.exchange.rotations import is_rotation
 from suta_calib.geometry.numbers import homogeneous, rotation_from_rpy
-from suta_calib.geometry.pinhole import INTRINSICS
 from suta_calib.inputs import UrdfFile
 from suta_calib.job.schema import JobSpec, read_job
 from suta_calib.measurements.camera import Camera
@@ -284,11 +283,11 @@ def _camera(data: Mapping[str, Any], job: JobSpec | None, path: Path) -> Camera 
         )
     values = dict(camera.values)
     for owner in owners:
-        for key in INTRINSICS:
+        for key in camera.lens.names:
             entry = parameters.get(f"{owner}.{key}", {})
             values[key] = float(numbers(entry.get("value"), (), path, f"{owner}.{key}"))
-    intrinsics = np.array([values[key] for key in INTRINSICS])
-    return Camera(camera.width, camera.height, intrinsics, None if owners else camera.covariance)
+    covariance = None if owners else camera.covariance
+    return replace(camera, intrinsics=np.array([*values.values()]), covariance=covariance)
 
 
 def json_bytes(data: Mapping[str, Any]) -> bytes:

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from suta_calib.errors import ForeignFileError
 from suta_calib.exchange.recorded_rests import RecordedPicture, Rest
+from suta_calib.geometry.lens import LENSES, lens_called
 from suta_calib.measurements.camera import Camera
-from suta_calib.measurements.camera_files import PLUMB_BOB
 from suta_calib.optional_packages import load
 
 IMAGE: Final = "sensor_msgs/msg/Image"
@@ -117,11 +117,14 @@ def camera_of(message: Any) -> tuple[Camera | None, str]:
     fx, fy = (matrix[0], matrix[4]) if len(matrix) == 9 else (0.0, 0.0)
     if not (np.isfinite(matrix).all() and fx > 0 and fy > 0):
         return None, "it is of a camera that was not calibrated"
-    if message.distortion_model not in (PLUMB_BOB, "") or not len(distortion) <= 5:
-        return None, f"its distortion model is {message.distortion_model}, not {PLUMB_BOB}"
+    lens = lens_called(message.distortion_model)
+    if lens is None or len(distortion) > len(lens.distortion):
+        known = ", ".join(LENSES)
+        model = f"{message.distortion_model} with {len(distortion)} coefficients"
+        return None, f"its distortion model is {model}, none of {known}"
     if not np.isfinite(distortion).all():
         return None, "its distortion is not a number"
-    coefficients = np.zeros(5)
+    coefficients = np.zeros(len(lens.distortion))
     coefficients[: len(distortion)] = distortion
     intrinsics = np.array([fx, fy, matrix[2], matrix[5], *coefficients])
-    return Camera(int(message.width), int(message.height), intrinsics), ""
+    return Camera(int(message.width), int(message.height), intrinsics, lens=lens), ""

@@ -1,3 +1,4 @@
+from .lens import projected as projected
 from .numbers import extent as extent
 from .numbers import homogeneous as homogeneous
 from .numbers import quaternion_from_rotation as quaternion_from_rotation
@@ -11,8 +12,6 @@ from .numbers import rpy_from_rotation as rpy_from_rotation
 from .numbers import skew as skew
 from .numbers import vector_from_rotation as vector_from_rotation
 from .numbers import wrap as wrap
-from .pinhole import projected as projected
-from .pinhole import undistorted as undistorted
 from .symbols import symbolic_chordal_log as symbolic_chordal_log
 from .symbols import symbolic_rotation as symbolic_rotation
 from .symbols import symbolic_skew as symbolic_skew

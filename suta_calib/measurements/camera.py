@@ -8,12 +8,13 @@ from pathlib import Path
 from typing import Final
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from suta_calib.arrays import BoolArray, FloatArray
 from suta_calib.display import Displayable
 from suta_calib.errors import CameraError
-from suta_calib.geometry.pinhole import DISTORTION, INTRINSICS
-from suta_calib.measurements.camera_files import OTHER_MODELS, PLUMB_BOB, camera_document, plumb_bob
+from suta_calib.geometry.lens import LENSES, PLUMB_BOB, RATIONAL, Lens
+from suta_calib.measurements.camera_files import camera_document, lens_of
 from suta_calib.measurements.fields import TEXT, Field, Fields, Value, whole_number
 from suta_calib.measurements.files import write_text
 from suta_calib.measurements.samples import finite
@@ -35,16 +36,27 @@ CAMERA_KEYS: Final = Fields(
         "data: fx 0 cx 0 fy cy 0 0 1 in px, row by row; the centre of the first pixel is 0, 0.",
         required=True,
     ),
-    Field("distortion_coefficients", _MAPPING, "data: k1 k2 p1 p2 k3.", required=True),
+    Field(
+        "distortion_coefficients",
+        _MAPPING,
+        "data: "
+        + ", or ".join(f"{' '.join(lens.distortion)} ({lens.name})" for lens in LENSES.values())
+        + ".",
+        required=True,
+    ),
     Field(
         "distortion_model",
         Value("text"),
-        f"{PLUMB_BOB}, also called radtan: the only supported model and the default.",
+        "; ".join(
+            f"{' or '.join(filter(None, (lens.name, *lens.also)))}: {lens.about}"
+            for lens in LENSES.values()
+        )
+        + f". {PLUMB_BOB.name} without it, and {RATIONAL.name} for eight coefficients.",
     ),
     Field(
         "covariance",
         _MAPPING,
-        "data: 81 numbers, row by row, the covariance of fx fy cx cy k1 k2 p1 p2 k3.",
+        "data: the covariance, row by row, of fx fy cx cy and the distortion coefficients.",
     ),
     Field(
         _CORNERS,
@@ -58,14 +70,14 @@ CAMERA_KEYS: Final = Fields(
 
 @dataclass(frozen=True, eq=False)
 class Camera(Displayable):
-    """A pinhole camera with distortion: its picture, its intrinsics, and how well they are known.
+    """A camera with its lens: its picture, its intrinsics, and how well they are known.
 
     Attributes:
         width, height: of the picture, px.
-        intrinsics: (9,) in the order of `geometry.pinhole.INTRINSICS`: fx fy cx cy (px), k1 k2 p1
-            p2 k3.
-        covariance: (9, 9) of these, or None where it is not known; zero for what was held.
+        intrinsics: (n,) fx fy cx cy (px), and the coefficients of the lens: nine for a plumb_bob.
+        covariance: (n, n) of these, or None where it is not known; zero for what was held.
         corners: `Corners.digest` of the corners it was calibrated from; empty where nobody says.
+        lens: which model it follows.
     """
 
     width: int
@@ -73,20 +85,22 @@ class Camera(Displayable):
     intrinsics: FloatArray
     covariance: FloatArray | None = None
     corners: str = ""
+    lens: Lens = PLUMB_BOB
 
     def __post_init__(self) -> None:
-        for name, shape in (("intrinsics", (9,)), ("covariance", (9, 9))):
+        n = len(self.lens.names)
+        for name, shape in (("intrinsics", (n,)), ("covariance", (n, n))):
             if (values := getattr(self, name)) is not None:
                 object.__setattr__(self, name, finite(f"camera: {name}", values, shape))
 
     @property
     def values(self) -> Mapping[str, float]:
         """The intrinsics by name."""
-        return dict(zip(INTRINSICS, self.intrinsics.tolist(), strict=True))
+        return dict(zip(self.lens.names, self.intrinsics.tolist(), strict=True))
 
     @property
     def stds(self) -> FloatArray | None:
-        """(9,) standard deviations of the intrinsics, or None."""
+        """(n,) standard deviations of the intrinsics, or None."""
         return None if self.covariance is None else np.sqrt(np.diag(self.covariance))
 
     @property
@@ -94,6 +108,18 @@ class Camera(Displayable):
         """(3, 3), as OpenCV has it."""
         fx, fy, cx, cy = self.intrinsics[:4]
         return np.array([[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]])
+
+    def project(self, points: ArrayLike) -> FloatArray:
+        """Pixels (..., 2) of points (..., 3) in its frame, m, that its lens can see."""
+        return self.lens.projected(points, self.intrinsics)
+
+    def directions(self, pixels: ArrayLike) -> FloatArray:
+        """Unit vectors (..., 3) in its frame to what it sees at pixels (..., 2)."""
+        return self.lens.directions(pixels, self.intrinsics)
+
+    def undistort(self, pixels: ArrayLike) -> FloatArray:
+        """Coordinates at unit depth (..., 2) of what it sees at pixels (..., 2); NaN if behind."""
+        return self.lens.undistorted(pixels, self.intrinsics)
 
     def resized(self, factor: float) -> Camera:
         """The camera of the same pictures, so many times as large; how well it is known is not."""
@@ -115,14 +141,14 @@ class Camera(Displayable):
 def read_camera(path: str | Path) -> Camera:
     """Read ``camera.yaml``: of ROS, of OpenCV's ``FileStorage``, or as `write_camera` writes it.
 
-    A ``CameraInfo`` as ``ros2 topic echo`` prints it and a camchain of kalibr (pinhole-radtan) are
-    read too.
+    A ``CameraInfo`` as ``ros2 topic echo`` prints it and a camchain of kalibr (pinhole with radtan
+    or equi) are read too.
 
-    A key ``covariance`` (``data``: 81 numbers, row by row, in the order of `INTRINSICS`) says how
-    well the intrinsics are known. Other keys are ignored.
+    A key ``covariance`` (``data``: row by row, in the order of `Lens.names`) says how well the
+    intrinsics are known. Other keys are ignored.
 
     Raises:
-        CameraError: unreadable, a key missing or unusable (with its line), another distortion
+        CameraError: unreadable, a key missing or unusable (with its line), an unknown distortion
             model, or numbers that no camera has.
     """
     top = YamlSection(camera_document(Path(path)), CameraError)
@@ -130,11 +156,12 @@ def read_camera(path: str | Path) -> Camera:
         if key not in top:
             hint = "use a camera.yaml from camera_calibration of ROS, or from `detect --camera-out`"
             raise top.refuse("no such key", "a value: this key is required", at=(key,), hint=hint)
-    plumb_bob(top)
+    lens = lens_of(top)
     values = CAMERA_KEYS.values(top)
     matrix = _matrix(top, values["width"], values["height"])
-    intrinsics = np.array([*matrix, *_coefficients(top)])
-    return Camera(**values, intrinsics=intrinsics, covariance=_covariance(top))
+    intrinsics = np.array([*matrix, *_coefficients(top, lens)])
+    covariance = _covariance(top, lens)
+    return Camera(**values, intrinsics=intrinsics, covariance=covariance, lens=lens)
 
 
 def _matrix(top: YamlSection, width: int, height: int) -> list[float]:
@@ -168,29 +195,33 @@ def _matrix(top: YamlSection, width: int, height: int) -> list[float]:
     return [fx, fy, cx, cy]
 
 
-def _coefficients(top: YamlSection) -> list[float]:
-    """Five distortion coefficients; fewer are followed by zeros, more must be."""
-    section = top.section("distortion_coefficients")
+def _coefficients(top: YamlSection, lens: Lens) -> list[float]:
+    """The coefficients of a lens. Of a plumb_bob k3, and zeros behind it, may be left out."""
+    section, names = top.section("distortion_coefficients"), lens.distortion
     listed = section.data.get("data")
-    count = len(listed) if isinstance(listed, list) else len(DISTORTION)
+    count = len(listed) if isinstance(listed, list) else len(names)
     values = section.numbers("data", count)
-    # The rational model has eight, and is called plumb_bob at times.
-    if any(values[len(DISTORTION) :]):
+    if lens is PLUMB_BOB:
+        least, values = 0, values + [0.0] * len(names)
+    else:
+        least = len(names)
+    if count < least or any(values[len(names) :]):
+        others = [other for other in LENSES.values() if len(other.distortion) == count]
+        hint = f"{count} coefficients are those of {others[0].name}" if others else ""
         raise section.refuse(
-            f"{count} coefficients"
-            + (f", {OTHER_MODELS['rational_polynomial']}" if count == 8 else ""),
-            f"five: {', '.join(DISTORTION)}",
+            f"{count} coefficients for the distortion model {lens.name}",
+            f"{len(names)}: {', '.join(names)}",
             at=("data",),
-            hint=f"calibrate the camera with the model {PLUMB_BOB}",
+            hint=f"{hint}: correct distortion_model" if hint else "",
         )
-    return (values + [0.0] * len(DISTORTION))[: len(DISTORTION)]
+    return values[: len(names)]
 
 
-def _covariance(top: YamlSection) -> FloatArray | None:
+def _covariance(top: YamlSection, lens: Lens) -> FloatArray | None:
     if "covariance" not in top:
         return None
     section = top.section("covariance")
-    n = len(INTRINSICS)
+    n = len(lens.names)
     matrix = np.array(section.numbers("data", n * n)).reshape(n, n)
     scale = np.sqrt(np.maximum(np.diag(matrix), 0.0))
     scale[scale == 0.0] = 1.0
@@ -199,7 +230,7 @@ def _covariance(top: YamlSection) -> FloatArray | None:
     if not np.allclose(unit, unit.T) or np.linalg.eigvalsh((unit + unit.T) / 2)[0] < -1e-9:
         raise section.refuse(
             "a matrix that is not a covariance",
-            f"81 numbers, row by row, in the order {', '.join(INTRINSICS)}",
+            f"{n * n} numbers, row by row, in the order {', '.join(lens.names)}",
             at=("data",),
         )
     return np.asarray((matrix + matrix.T) / 2)
@@ -211,11 +242,11 @@ def camera_text(camera: Camera) -> str:
         f"image_width: {camera.width}",
         f"image_height: {camera.height}",
         f"camera_matrix: {matrix_text(camera.matrix)}",
-        f"distortion_model: {PLUMB_BOB}",
+        f"distortion_model: {camera.lens.name}",
         f"distortion_coefficients: {matrix_text(camera.intrinsics[None, 4:])}",
     ]
     if camera.covariance is not None:
-        rows.append(f"# of {' '.join(INTRINSICS)}")
+        rows.append(f"# of {' '.join(camera.lens.names)}")
         rows.append(f"covariance: {matrix_text(camera.covariance)}")
     if camera.corners:
         rows.append(f"{_CORNERS}: {camera.corners}")

@@ -13,18 +13,13 @@ from pathlib import Path
 from typing import Any, Final
 
 from suta_calib.errors import CameraError
+from suta_calib.geometry.lens import LENSES, PLUMB_BOB, RATIONAL, Lens, lens_called
 from suta_calib.measurements.files import read_text
 from suta_calib.measurements.yaml_file import KeyPath, YamlDocument, YamlSection
 from suta_calib.measurements.yaml_nodes import plain_data
 
-# The distortion model that there is here, as ROS calls it, and its other names.
-PLUMB_BOB: Final = "plumb_bob"
-_PLUMB_BOB_TOO: Final = ("radtan", "")
-# Other models, and what they are.
-OTHER_MODELS: Final = {
-    "rational_polynomial": "OpenCV's rational model, k1 k2 p1 p2 k3 k4 k5 k6",
-    "equidistant": "the fisheye model of OpenCV and kalibr, k1 k2 k3 k4 of the angle",
-    "fisheye": "the fisheye model of OpenCV and kalibr, k1 k2 k3 k4 of the angle",
+# Models of other programs that are not read, and what they are.
+_OTHER_MODELS: Final = {
     "thin_prism": "OpenCV's model with a thin prism, k1 to s4",
     "fov": "the field-of-view model, one number",
 }
@@ -95,16 +90,16 @@ def _of_kalibr(document: YamlDocument, chain: list[str]) -> YamlDocument:
     if (model := section.data.get("camera_model", "pinhole")) != "pinhole":
         raise section.refuse(
             f"{model!r}, a camera model of kalibr",
-            "pinhole with radtan",
+            "pinhole",
             at=("camera_model",),
-            hint="calibrate it with --models pinhole-radtan",
+            hint="calibrate it with --models pinhole-radtan or pinhole-equi",
         )
     fx, fy, cx, cy = section.numbers("intrinsics", 4)
     width, height = section.numbers("resolution", 2)
     model = section.text("distortion_model", "radtan")
     coefficients = section.data["distortion_coeffs"]
     if model == "none":
-        model, coefficients = PLUMB_BOB, coefficients or [0.0]
+        model, coefficients = PLUMB_BOB.name, coefficients or [0.0]
     matrix = {"data": [fx, 0.0, cx, 0.0, fy, cy, 0.0, 0.0, 1.0]}
     keys: dict[str, tuple[str, Any]] = {
         "image_width": ("resolution", int(width)),
@@ -132,16 +127,28 @@ def _renamed(document: YamlDocument, names: Mapping[str, str]) -> YamlDocument:
     return YamlDocument(document.path, data, lines)
 
 
-def plumb_bob(top: YamlSection) -> None:
-    """Refuse a distortion model that is not `PLUMB_BOB`, by whatever name."""
-    model = top.data.get("distortion_model", PLUMB_BOB)
-    if model == PLUMB_BOB or model in _PLUMB_BOB_TOO:
-        return
+def lens_of(top: YamlSection) -> Lens:
+    """The lens that a camera's file names; without a name, the one that has so many coefficients.
+
+    Raises:
+        CameraError: a model that is not known.
+    """
+    model = top.data.get("distortion_model")
+    if model is None:
+        # OpenCV's FileStorage names none: eight numbers are those of its rational model.
+        section = top.data.get("distortion_coefficients")
+        listed = section.get("data") if isinstance(section, dict) else None
+        if not isinstance(listed, list) or len(listed) != len(RATIONAL.distortion):
+            return PLUMB_BOB
+        return RATIONAL if any(listed[len(PLUMB_BOB.distortion) :]) else PLUMB_BOB
+    lens = lens_called(str(model))
+    if lens is not None:
+        return lens
     model = top.text("distortion_model")
-    what = f", {OTHER_MODELS[model]}" if model in OTHER_MODELS else ""
+    what = f", {_OTHER_MODELS[model]}" if model in _OTHER_MODELS else ""
     raise top.refuse(
         f"{model!r}{what}",
-        f"{PLUMB_BOB} (radtan): k1, k2, p1, p2, and k3",
+        f"one of {', '.join(LENSES)}",
         at=("distortion_model",),
-        hint="calibrate the camera with this model",
+        hint="calibrate the camera with one of these models",
     )

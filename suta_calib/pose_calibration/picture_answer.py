@@ -13,7 +13,6 @@ from scipy.special import chdtri, stdtrit
 from suta_calib.arrays import BoolArray, FloatArray, IntArray
 from suta_calib.assessment import Assessment, Level, judged
 from suta_calib.geometry.numbers import rms_length
-from suta_calib.geometry.pinhole import INTRINSICS
 from suta_calib.measurements import Camera
 from suta_calib.pose_calibration.consensus import FALSE_ALARM
 from suta_calib.pose_calibration.correlation import WAYS
@@ -229,7 +228,8 @@ def _against_the_file(camera: CameraEstimate) -> tuple[str, Level]:
             "good",
         )
     change = by_pictures.intrinsics - given.intrinsics
-    stated = np.zeros((len(INTRINSICS),) * 2) if given.covariance is None else given.covariance
+    unknown = np.zeros((len(given.intrinsics),) * 2)
+    stated = unknown if given.covariance is None else given.covariance
     if camera.held:
         off = [_significant(change[pair], by_pictures.covariance[pair, pair]) for pair in PAIRS]
         changes = [

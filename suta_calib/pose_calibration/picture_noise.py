@@ -31,7 +31,7 @@ from typing import Final
 import numpy as np
 
 from suta_calib.arrays import BoolArray, FloatArray, IntArray
-from suta_calib.geometry.pinhole import CENTRE, DISTORTION, FOCAL
+from suta_calib.geometry.lens import CENTRE, DISTORTION, FOCAL
 from suta_calib.pose_calibration.correlation import WAYS, common_covariance
 from suta_calib.pose_calibration.picture_likelihood import (
     Likelihood,

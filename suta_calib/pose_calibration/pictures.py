@@ -15,6 +15,7 @@ from scipy.special import chdtri
 
 from suta_calib.arrays import BoolArray, FloatArray
 from suta_calib.errors import SamplesError
+from suta_calib.geometry.lens import CENTRE, FOCAL
 from suta_calib.geometry.numbers import (
     homogeneous,
     rms_length,
@@ -22,7 +23,6 @@ from suta_calib.geometry.numbers import (
     tangent_of_poses,
     vector_from_rotation,
 )
-from suta_calib.geometry.pinhole import CENTRE, FOCAL, INTRINSICS
 from suta_calib.measurements import Board, Camera, Corners, Samples
 from suta_calib.measurements.pose_files import HandPoses
 from suta_calib.model.parameters import PLACEMENT
@@ -293,7 +293,7 @@ def _camera_estimate(
     eye, board, owner = term.owners
     at = [weighed.names.index(f"{frame}.{key}") for frame in (eye, board) for key in PLACEMENT]
     jacobian = tangent_of_poses(weighed.x[at])
-    of = [freed.names.index(f"{owner}.{key}") for key in INTRINSICS]
+    of = [freed.names.index(f"{owner}.{key}") for key in term.camera.lens.names]
     by_pictures = replace(
         term.camera,
         intrinsics=freed.free_estimate[of].copy(),

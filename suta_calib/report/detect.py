@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from suta_calib.geometry.pinhole import INTRINSICS
 from suta_calib.plotting.look import BLUE, GREY, WIDTH
 from suta_calib.report.document import Document, Figure, File, Part, Text
 from suta_calib.report.listing import Column, Json, Listing
@@ -83,7 +82,7 @@ def camera_record(camera: Camera) -> Json:
     """A camera as JSON has it: its numbers by name, and ``std`` of each where it is known."""
     record: Json = {"width": camera.width, "height": camera.height, **camera.values}
     if camera.stds is not None:
-        record["std"] = dict(zip(INTRINSICS, camera.stds.tolist(), strict=True))
+        record["std"] = dict(zip(camera.lens.names, camera.stds.tolist(), strict=True))
     return record
 
 

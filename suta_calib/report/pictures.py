@@ -10,8 +10,8 @@ import numpy as np
 from matplotlib.ticker import MaxNLocator
 
 from suta_calib.arrays import FloatArray
+from suta_calib.geometry.lens import CENTRE, FOCAL
 from suta_calib.geometry.numbers import rms_length
-from suta_calib.geometry.pinhole import CENTRE, FOCAL, INTRINSICS
 from suta_calib.measurements.camera import camera_text
 from suta_calib.measurements.pose_files import HandPoses
 from suta_calib.model.parameters import PLACEMENT
@@ -239,13 +239,13 @@ def _record(calibration: PictureCalibration, camera: CameraEstimate) -> Json:
 def _camera_record(camera: CameraEstimate) -> Json:
     """Intrinsics with their standard deviations, null where they were held."""
     values, stds = camera.camera.intrinsics, camera.camera.stds
-    none: Sequence[float | None] = [None] * len(INTRINSICS)
+    none: Sequence[float | None] = [None] * len(values)
     std = none if stds is None else stds.tolist()
     return {
-        **dict(zip(INTRINSICS[:4], values[:4].tolist(), strict=True)),
+        **dict(zip((*FOCAL, *CENTRE), values[:4].tolist(), strict=True)),
         "distortion": values[4:].tolist(),
         "std": {
-            **dict(zip(INTRINSICS[:4], std[:4], strict=True)),
+            **dict(zip((*FOCAL, *CENTRE), std[:4], strict=True)),
             "distortion": list(std[4:]),
         },
     }

@@ -21,9 +21,8 @@ import numpy as np
 from suta_calib.arrays import BoolArray, FloatArray
 from suta_calib.errors import SutaCalibWarning
 from suta_calib.geometry.numbers import quaternion_from_rotation, vector_from_rotation
-from suta_calib.geometry.pinhole import projected, undistorted
 from suta_calib.measurements import Board, Camera
-from suta_calib.terms.camera_start import board_poses
+from suta_calib.terms.camera_start import poses_in_camera
 from suta_calib.terms.hand_eye_start import (
     FEWEST,
     HALF_TURN,
@@ -136,14 +135,16 @@ class BoardPictures:
     @cached_property
     def poses(self) -> Poses:
         """``T_eye_board`` of every picture, by its own corners; NaN where they do not tell it."""
-        return board_poses(self.points, undistorted(self.pixels, self.camera.intrinsics))
+        return poses_in_camera(self.points, self.pixels, self.camera)
 
     @property
     def pixel(self) -> float | None:
         """Length, m, that a pixel covers where the board typically is; None if nothing tells."""
         _, position = self.poses
-        depth = position[:, 2]
-        depths = depth[np.isfinite(depth) & (depth > 0)]
+        located = position[self.posed]
+        sees = self.camera.lens.ahead(located)
+        behind = self.camera.lens.sees_behind
+        depths = (np.linalg.norm(located, axis=1) if behind else located[:, 2])[sees]
         focal = float(np.sqrt(self.camera.intrinsics[0] * self.camera.intrinsics[1]))
         return float(np.median(depths)) / focal if len(depths) else None
 
@@ -169,9 +170,9 @@ class BoardPictures:
         """
         rotation, position = self.poses
         points = np.einsum("nij,kj->nki", rotation, self.points) + position[:, None]
-        ahead = (points[..., 2] > 0).all(axis=1)
+        ahead = self.camera.lens.ahead(points).all(axis=1)
         points[~ahead] = [0.0, 0.0, 1.0]
-        off = projected(points, self.camera.intrinsics) - self.pixels
+        off = self.camera.project(points) - self.pixels
         off[~ahead] = np.nan
         return np.asarray(off)
 
@@ -202,10 +203,10 @@ class BoardPictures:
         """(n, 2) where the middle of the board is seen; the corners' mean where no pose has it."""
         rotation, position = self.poses
         there = rotation @ self.points.mean(axis=0) + position
-        located = np.isfinite(there[:, 2]) & (there[:, 2] > 0)
+        located = self.camera.lens.ahead(there)
         there[~located] = [0.0, 0.0, 1.0]
         mean = np.nanmean(self.pixels, axis=1)
-        return np.where(located[:, None], projected(there, self.camera.intrinsics), mean)
+        return np.where(located[:, None], self.camera.project(there), mean)
 
     def numbered_alike(self, hand: Poses, names: Sequence[str], source: Path | None) -> FloatArray:
         """The pixels, a board that looks the same after half a turn numbered from one end in all.

@@ -10,7 +10,6 @@ from typing import Any, ClassVar, Self
 import numpy as np
 
 from suta_calib.arrays import BoolArray, FloatArray
-from suta_calib.geometry.pinhole import DISTORTION, projected
 from suta_calib.measurements import Board, Camera
 from suta_calib.terms.reprojection import NEAREST
 
@@ -38,19 +37,19 @@ class BoardSight:
     def everywhere(self) -> FloatArray:
         """(n, points, 2) pixels, whether they are in the picture or not."""
         points = self.points.copy()
-        points[..., 2] = np.maximum(points[..., 2], NEAREST)
-        return projected(points, self.camera.intrinsics)
+        if not self.camera.lens.sees_behind:
+            points[..., 2] = np.maximum(points[..., 2], NEAREST)
+        return self.camera.project(points)
 
     @property
     def pixels(self) -> FloatArray:
         """(n, points, 2) where corners would be found; NaN for those that are out of sight."""
-        ahead = self.points[..., 2] > NEAREST
+        ahead = self.camera.lens.ahead(self.points, NEAREST)
         safe = np.where(ahead[..., None], self.points, [0.0, 0.0, 1.0])
-        pixels = projected(safe, self.camera.intrinsics)
-        # Distortion folds back into the picture what is far outside: an ideal lens tells that.
-        straight = np.concatenate([self.camera.intrinsics[:4], np.zeros(len(DISTORTION))])
-        room = np.array([self.camera.width, self.camera.height])
-        near = np.all(np.abs(projected(safe, straight) - room / 2) < room, axis=2)
+        pixels = self.camera.project(safe)
+        # Distortion folds back into the picture what is far outside, which its pixel does not tell.
+        off = self.camera.directions(pixels) - safe / np.linalg.norm(safe, axis=-1, keepdims=True)
+        near = np.abs(off).max(axis=2) < 1e-3
         shown = ahead & self.camera.inside(pixels) & near & self._faces[:, None]
         return np.where(shown[..., None], pixels, np.nan)
 

@@ -12,23 +12,28 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from suta_calib.arrays import BoolArray, FloatArray
+from suta_calib.geometry.lens import Lens
+from suta_calib.geometry.lens_slopes import pixel_slopes
 from suta_calib.geometry.numbers import rotation_from_vector, skew
-from suta_calib.geometry.pinhole import projected, undistorted
 from suta_calib.measurements import Board, Camera, Corners
-from suta_calib.terms.camera_start import board_poses, closed_form_camera
+from suta_calib.terms.camera_start import closed_form_camera, poses_in_camera
 from suta_calib.terms.intrinsics import UNCALIBRATED
 
 
 @dataclass(frozen=True, eq=False)
 class State:
-    """A camera (9,), px and 1, and where the board is in each picture: (n, 3, 3) and (n, 3), m."""
+    """A camera (c,), px and 1, and where the board is in each picture: (n, 3, 3) and (n, 3), m."""
 
     intrinsics: FloatArray
     rotation: FloatArray
     position: FloatArray
 
+    def take(self, pictures: BoolArray) -> State:
+        """Of some of the pictures (n,)."""
+        return State(self.intrinsics, self.rotation[pictures], self.position[pictures])
+
     def moved(self, camera: FloatArray, poses: FloatArray) -> State:
-        """After a step (9,) of the camera and (n, 6) of the poses, about the camera's axes."""
+        """After a step (c,) of the camera and (n, 6) of the poses, about the camera's axes."""
         return State(
             self.intrinsics + camera,
             rotation_from_vector(poses[:, 3:]) @ self.rotation,
@@ -44,11 +49,17 @@ class PicturesSeen:
         points: (k, 3) of the board, m.
         pixels: (n, k, 2) px.
         there: (n, k) which were found.
+        lens: of the camera.
     """
 
     points: FloatArray
     pixels: FloatArray
     there: BoolArray
+    lens: Lens
+
+    def take(self, pictures: BoolArray) -> PicturesSeen:
+        """Some of the pictures (n,)."""
+        return replace(self, pixels=self.pixels[pictures], there=self.there[pictures])
 
     def in_camera(self, at: State) -> tuple[FloatArray, FloatArray]:
         """(n, k, 3) from the board's origin, turned, and from the camera; z is 1 where not seen."""
@@ -59,46 +70,18 @@ class PicturesSeen:
     def errors(self, at: State) -> FloatArray | None:
         """(n, k, 2) px, zero for what was not found; None where a point is behind the camera."""
         _, points = self.in_camera(at)
-        if not (points[..., 2] > 0).all():
+        if not self.lens.ahead(points).all():
             return None
-        off = projected(points, at.intrinsics) - self.pixels
+        off = self.lens.projected(points, at.intrinsics) - self.pixels
         return np.where(self.there[..., None], off, 0.0)
 
     def slopes(self, at: State) -> tuple[FloatArray, FloatArray]:
-        """Derivatives of the errors by the camera (n, k, 2, 9) and by the poses (n, k, 2, 6)."""
+        """Derivatives of the errors by the camera (n, k, 2, c) and by the poses (n, k, 2, 6)."""
         turned, points = self.in_camera(at)
-        x, y, z = points[..., 0] / points[..., 2], points[..., 1] / points[..., 2], points[..., 2]
-        by_camera, by_ray = _bent(x, y, at.intrinsics)
-        by_place = np.zeros((*z.shape, 2, 3))
-        by_place[..., 0, 0] = by_place[..., 1, 1] = 1.0 / z
-        by_place[..., 0, 2], by_place[..., 1, 2] = -x / z, -y / z
-        by_place = by_ray @ by_place
+        by_place, by_camera = pixel_slopes(self.lens, points, at.intrinsics)
         by_pose = np.concatenate([by_place, -by_place @ skew(turned)], axis=-1)
         shown = self.there[..., None, None]
         return np.where(shown, by_camera, 0.0), np.where(shown, by_pose, 0.0)
-
-
-def _bent(x: FloatArray, y: FloatArray, intrinsics: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Derivatives of a pixel by the intrinsics (..., 2, 9) and by its ray x, y (..., 2, 2)."""
-    fx, fy, _, _, k1, k2, p1, p2, k3 = intrinsics
-    s = x * x + y * y
-    radial, slope = 1 + s * (k1 + s * (k2 + s * k3)), 2 * (k1 + s * (2 * k2 + 3 * s * k3))
-    u = x * radial + 2 * p1 * x * y + p2 * (s + 2 * x * x)
-    v = y * radial + p1 * (s + 2 * y * y) + 2 * p2 * x * y
-    mixed = slope * x * y + 2 * p1 * x + 2 * p2 * y
-    nothing, one = np.zeros_like(x), np.ones_like(x)
-    first = [u, nothing, one, nothing]
-    first += [fx * radial for radial in (x * s, x * s**2, 2 * x * y, s + 2 * x * x, x * s**3)]
-    second = [nothing, v, nothing, one]
-    second += [fy * radial for radial in (y * s, y * s**2, s + 2 * y * y, 2 * x * y, y * s**3)]
-    along = radial + slope * x * x + 2 * p1 * y + 6 * p2 * x
-    down = radial + slope * y * y + 6 * p1 * y + 2 * p2 * x
-    by_ray = [[fx * along, fx * mixed], [fy * mixed, fy * down]]
-    stacked = [
-        np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
-        for rows in ([first, second], by_ray)
-    ]
-    return stacked[0], stacked[1]
 
 
 def camera_alone(corners: Corners, board: Board) -> Camera:
@@ -112,24 +95,40 @@ def camera_alone(corners: Corners, board: Board) -> Camera:
         SamplesError: corners of another board, or pictures that do not tell the focal length.
     """
     start = closed_form_camera(corners, board)
+    pictures, state, _ = seen_by(start, corners, board)
+    return replace(start, intrinsics=refined(pictures, state, UNCALIBRATED.stds(start)).intrinsics)
+
+
+def seen_by(
+    camera: Camera, corners: Corners, board: Board
+) -> tuple[PicturesSeen, State, BoolArray]:
+    """What was seen, and where a camera has the board in each picture that tells it.
+
+    The third is (pictures,) which do, in the order of `Corners.images`.
+    """
     names = {name: k for k, name in enumerate(corners.images)}
     numbers = {number: k for k, number in enumerate(board.points)}
     pixels = np.full((len(names), len(numbers), 2), np.nan)
     picture = [names[name] for name in corners.image.tolist()]
     pixels[picture, [numbers[k] for k in corners.point.tolist()]] = corners.pixel
     points = np.array(list(board.points.values()))
-    rotation, position = board_poses(points, undistorted(pixels, start.intrinsics))
+    rotation, position = poses_in_camera(points, pixels, camera)
     located = np.isfinite(position[:, 0])
     there = np.isfinite(pixels[located]).all(axis=2)
-    pictures = PicturesSeen(points, np.where(there[..., None], pixels[located], 0.0), there)
-    state = State(start.intrinsics, rotation[located], position[located])
-    return replace(start, intrinsics=_refined(pictures, state, UNCALIBRATED.stds(start)).intrinsics)
+    shown = np.where(there[..., None], pixels[located], 0.0)
+    pictures = PicturesSeen(points, shown, there, camera.lens)
+    return pictures, State(camera.intrinsics, rotation[located], position[located]), located
 
 
-def _refined(pictures: PicturesSeen, state: State, prior: FloatArray) -> State:
-    """The camera and poses of least reprojection error; ``prior`` (9,) is about the first one."""
+def refined(
+    pictures: PicturesSeen, state: State, prior: FloatArray, *, robust: bool = True
+) -> State:
+    """The camera and poses of least reprojection error; ``prior`` (c,) is about the first one.
+
+    ``robust`` lets corners that are far off pull no harder than others.
+    """
     # Relative gain from where on it is settled, and damping from where on no step helps.
-    settled = 1e-6
+    settled = 1e-6 if robust else 1e-10
     stuck = 1e8
     # Distance of a corner, in their scatter, from where on it pulls no harder; the scatter of
     # normal ones in their middle distance; and the least one, px, which is rounding.
@@ -144,7 +143,9 @@ def _refined(pictures: PicturesSeen, state: State, prior: FloatArray) -> State:
     for _ in range(steps):
         length = np.linalg.norm(errors, axis=2)
         sigma = max(float(np.median(length[pictures.there])) / middle, finest)
-        weight = np.minimum(1.0, far * sigma / np.maximum(length, finest * sigma)) / sigma**2
+        weight = np.full(length.shape, 1.0 / sigma**2)
+        if robust:
+            weight *= np.minimum(1.0, far * sigma / np.maximum(length, finest * sigma))
         A, B = (J.reshape(len(J), -1, J.shape[-1]) for J in pictures.slopes(state))
         w = np.repeat(weight, 2, axis=1)
         WA, WB, r = w[..., None] * A, w[..., None] * B, errors.reshape(len(A), -1)

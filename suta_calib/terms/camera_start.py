@@ -13,8 +13,13 @@ import numpy as np
 
 from suta_calib.arrays import BoolArray, FloatArray
 from suta_calib.errors import BoardError, SamplesError
-from suta_calib.geometry.numbers import nearest_rotation, rotation_from_vector, skew
-from suta_calib.geometry.pinhole import DISTORTION
+from suta_calib.geometry.lens import PLUMB_BOB
+from suta_calib.geometry.numbers import (
+    nearest_rotation,
+    rotation_from_vector,
+    skew,
+    vector_turning_z_to,
+)
 from suta_calib.measurements import Board, Camera, Corners
 
 # Points of a plane that determine a homography.
@@ -68,6 +73,35 @@ def board_poses(points: FloatArray, pixels: FloatArray) -> tuple[FloatArray, Flo
         R, p = _refined(offsets[mine], pixels[which], there[which], turn, start)
         rotation[which], position[which] = R, p - (R @ middle[mine, :, None])[..., 0]
     return rotation, position
+
+
+def poses_in_camera(
+    points: FloatArray, pixels: FloatArray, camera: Camera
+) -> tuple[FloatArray, FloatArray]:
+    """`board_poses` of pictures (n, k, 2), px, by a camera with its lens.
+
+    A lens may see a board beside itself, where no point has a place at unit depth: each picture is
+    turned first, so that what is seen is ahead.
+    """
+    if not camera.lens.sees_behind:
+        return board_poses(points, camera.undistort(pixels))
+    turn, seen, _ = ahead_of(camera.directions(pixels))
+    rotation, position = board_poses(points, seen)
+    return turn @ rotation, (turn @ position[:, :, None])[:, :, 0]
+
+
+def ahead_of(rays: FloatArray) -> tuple[FloatArray, FloatArray, BoolArray]:
+    """Directions (..., k, 3) in a frame (..., 3, 3) in whose z axis their middle is.
+
+    They are at unit depth there (..., k, 2), and the last (..., k) says which are in front of it.
+    """
+    middle = np.nan_to_num(rays).sum(axis=-2)
+    length = np.linalg.norm(middle, axis=-1, keepdims=True)
+    middle = np.where(length > 0, middle / np.where(length > 0, length, 1.0), [0.0, 0.0, 1.0])
+    turn = rotation_from_vector(vector_turning_z_to(middle))
+    rays = rays @ turn
+    ahead = rays[..., 2] > 1e-2
+    return turn, rays[..., :2] / np.where(ahead, rays[..., 2], np.nan)[..., None], ahead
 
 
 def _refined(
@@ -210,7 +244,7 @@ def closed_form_camera(corners: Corners, board: Board) -> Camera:
             hint="or give the camera's file",
         )
     width, height = (int(size) + 1 for size in corners.pixel.max(axis=0))
-    intrinsics = np.concatenate([closed_form, np.zeros(len(DISTORTION))])
+    intrinsics = np.concatenate([closed_form, np.zeros(len(PLUMB_BOB.distortion))])
     return Camera(width, height, intrinsics)
 
 

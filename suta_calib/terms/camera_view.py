@@ -14,7 +14,7 @@ import numpy as np
 from suta_calib.arrays import FloatArray, IntArray
 from suta_calib.assessment import Level
 from suta_calib.errors import SamplesError, SutaCalibWarning
-from suta_calib.geometry.pinhole import CENTRE, FOCAL
+from suta_calib.geometry.lens import CENTRE, FOCAL
 from suta_calib.measurements import (
     Board,
     Camera,
@@ -70,7 +70,7 @@ _CAMERA: Final = Camera(1280, 960, np.array([1000.0, 1000.0, 639.5, 479.5, 0, 0,
 class CameraView(FramedTerm):
     """``π((T_base_hand,i X)⁻¹ Z p_k) - u_ik`` for every corner k that is seen in picture i.
 
-    π is the pinhole with distortion; X = ``T_hand_eye`` and Z = ``T_base_board`` are unknown. With
+    π is the camera with its lens; X = ``T_hand_eye`` and Z = ``T_base_board`` are unknown. With
     the camera beside the arm X = ``T_base_eye``, Z = ``T_hand_board``, and the board's point in the
     eye ``X⁻¹ T_base_hand,i Z p_k``.
 
@@ -88,7 +88,7 @@ class CameraView(FramedTerm):
         noise: scatter and robustness of a corner, m at the board.
         label: terms with the same label share the camera.
         target: terms with the same one share the board.
-        prior: of the intrinsics (9,), standard deviations.
+        prior: of the intrinsics (n,), standard deviations.
 
     Raises:
         SamplesError: no corner in any picture, or corners of another board.
@@ -386,7 +386,7 @@ class CameraView(FramedTerm):
         ]
         if not self.free:
             data.append(np.tile(self.camera.intrinsics, (n, 1)))
-        residual = reprojection(self.setup, self.free, self._stretch is not None)
+        residual = reprojection(self.setup, self.camera.lens, self.free, self._stretch is not None)
         own_columns = np.tile(np.arange(len(self.own_parameters)), (n, 1))
         numbers, names = [*self.board.points], self._names
         labels = [

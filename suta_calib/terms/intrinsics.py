@@ -9,7 +9,7 @@ from typing import Final
 import numpy as np
 
 from suta_calib.arrays import FloatArray
-from suta_calib.geometry.pinhole import CENTRE, FOCAL, INTRINSICS
+from suta_calib.geometry.lens import CENTRE, FOCAL
 from suta_calib.measurements import Camera, Corners
 from suta_calib.model.parameters import Parameter
 
@@ -26,8 +26,8 @@ class IntrinsicsPrior:
     Attributes:
         focal: of the focal lengths, part of them.
         centre: of the principal point, part of the picture's width.
-        radial: of k1, k2 and k3.
-        tangential: of p1 and p2.
+        radial: of the coefficients that bend along rays: k1, k2, ….
+        tangential: of those that bend across them: p1 and p2.
         unbent: whether coefficients that are exactly zero are no part of the camera's model, as in
             rectified pictures.
     """
@@ -39,9 +39,9 @@ class IntrinsicsPrior:
     unbent: bool
 
     def stds(self, camera: Camera) -> FloatArray:
-        """(9,) in the order of `geometry.pinhole.INTRINSICS`, px and 1."""
+        """(n,) in the order of `Lens.names`, px and 1."""
         focal, centre = self.focal * camera.intrinsics[:2], self.centre * camera.width
-        bent = np.array([self.radial, self.radial, self.tangential, self.tangential, self.radial])
+        bent = np.where(camera.lens.tangential, self.tangential, self.radial)
         if self.unbent:
             bent[camera.intrinsics[4:] == 0.0] = 0.0
         return np.concatenate([focal, [centre, centre], bent])
@@ -59,7 +59,7 @@ UNCALIBRATED: Final = IntrinsicsPrior(
 
 
 def prior_beside(camera: Camera, corners: Corners) -> FloatArray | None:
-    """Prior (9,) of a camera whose corners are seen, px and 1; None where its file says it.
+    """Prior (n,) of a camera whose corners are seen, px and 1; None where its file says it.
 
     Of one that was calibrated from these very corners they say everything, and once.
     """
@@ -69,14 +69,14 @@ def prior_beside(camera: Camera, corners: Corners) -> FloatArray | None:
 def intrinsic_parameters(
     owner: str, camera: Camera, prior: FloatArray | None
 ) -> tuple[Parameter, ...]:
-    """The nine unknowns ``owner.fx … owner.k3``, nominally as the camera has them.
+    """The unknowns ``owner.fx … owner.k3``, nominally as the camera has them.
 
-    A prior (9,), standard deviations in px and 1, is one that the data do not change; without it
+    A prior (n,), standard deviations in px and 1, is one that the data do not change; without it
     they are those that the camera's file says, or those of any camera that somebody calibrated.
     """
     stated = camera.stds if prior is None else prior
     stds = CALIBRATED.stds(camera) if stated is None else stated
-    values = zip(INTRINSICS, camera.intrinsics.tolist(), stds.tolist(), strict=True)
+    values = zip(camera.lens.names, camera.intrinsics.tolist(), stds.tolist(), strict=True)
     return tuple(
         Parameter(
             owner,
@@ -93,6 +93,5 @@ def intrinsic_parameters(
 
 def camera_at(camera: Camera, owner: str, values: Mapping[str, float]) -> Camera:
     """The camera with the intrinsics that these values have, or with its own."""
-    nominal = camera.values
-    intrinsics = [values.get(f"{owner}.{key}", nominal[key]) for key in INTRINSICS]
+    intrinsics = [values.get(f"{owner}.{key}", value) for key, value in camera.values.items()]
     return replace(camera, intrinsics=np.array(intrinsics))

@@ -16,7 +16,6 @@ from scipy.optimize import minimize_scalar
 from suta_calib.arrays import BoolArray, FloatArray
 from suta_calib.assessment import Level
 from suta_calib.errors import SamplesError
-from suta_calib.geometry.pinhole import projected, undistorted
 from suta_calib.measurements import Board
 from suta_calib.terms.board_pictures import MIRRORED, QUOTED, ROUNDING, TURNED, BoardPictures
 from suta_calib.terms.camera_start import PLANAR, board_poses, columns_exchanged
@@ -39,7 +38,13 @@ def check_files(pictures: BoardPictures) -> None:
     if pictures.misfit <= 1e-3:
         return
     candidates = list(_others(pictures))
-    _pose_together([other for other, _ in candidates if other.board is pictures.board])
+    _pose_together(
+        [
+            other
+            for other, _ in candidates
+            if other.board is pictures.board and not other.camera.lens.sees_behind
+        ]
+    )
     misfits = [(other.misfit, error) for other, error in candidates]
     least, cause = min(misfits, key=lambda other: other[0], default=(np.inf, None))
     # Another board or camera is the cause where it leaves so many times less.
@@ -58,7 +63,7 @@ def _pose_together(candidates: Sequence[BoardPictures]) -> None:
     """Find the poses of one board's pictures by several cameras at once, a tenth of the work."""
     if not candidates:
         return
-    rays = [undistorted(pictures.pixels, pictures.camera.intrinsics) for pictures in candidates]
+    rays = [pictures.camera.undistort(pictures.pixels) for pictures in candidates]
     rotation, position = board_poses(candidates[0].points, np.concatenate(rays))
     ends = np.cumsum([len(pictures) for pictures in rays])[:-1]
     for pictures, R, p in zip(
@@ -236,5 +241,5 @@ def _blunder(pictures: BoardPictures, picture: int, limit: float) -> str:
     rotation, position = (part[best] for part in without.poses)
     place = rotation @ pictures.points[corners[best]] + position
     pixel = pictures.pixels[picture, corners[best]]
-    away = float(np.linalg.norm(projected(place, pictures.camera.intrinsics) - pixel))
+    away = float(np.linalg.norm(pictures.camera.project(place) - pixel))
     return f"corner {list(pictures.board.points)[corners[best]]} is {away:.0f} px"

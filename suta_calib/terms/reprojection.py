@@ -1,7 +1,7 @@
 """Residuals of corners in pictures: where a board's point is seen, less where it was found.
 
-Own unknowns are the poses of camera and board (6 + 6), then the intrinsics (9) and the board's
-stretch (2) where they are free; data are u v, the point x y z, m/px, and the intrinsics where they
+Own unknowns are the poses of camera and board (6 + 6), then the intrinsics and the board's stretch
+(2) where they are free; data are u v, the point x y z, m/px, and the intrinsics where they
 are not. An error is the length that it covers at the board.
 """
 
@@ -13,7 +13,7 @@ from typing import Final
 
 import casadi as ca
 
-from suta_calib.geometry.pinhole import pixel_of
+from suta_calib.geometry.lens import Lens
 from suta_calib.geometry.symbols import Symbol
 from suta_calib.terms.block import Pose, Residual, pose_of
 from suta_calib.terms.hand_eye_start import EYE_IN_HAND, EyeSetup
@@ -24,11 +24,12 @@ NEAREST: Final = 1e-3
 
 
 @cache  # What was compiled for a residual is found again by it.
-def reprojection(setup: EyeSetup, free: bool, stretched: bool) -> Residual:
+def reprojection(setup: EyeSetup, lens: Lens, free: bool, stretched: bool) -> Residual:
     """The residual of a corner.
 
     Args:
         setup: the eye is on the hand, or stands in the base.
+        lens: of the eye.
         free: whether the intrinsics are unknown.
         stretched: whether the board's stretch is.
     """
@@ -45,9 +46,10 @@ def reprojection(setup: EyeSetup, free: bool, stretched: bool) -> Residual:
         hand = poses[0]
         by_hand = hand.inverse_act(point) if setup == EYE_IN_HAND else hand.R @ point + hand.p
         in_eye = pose_of(unknowns[0:6]).inverse_act(by_hand)
-        intrinsics = unknowns[12:21] if free else data[6:15]
-        depth = ca.fmax(in_eye[2], NEAREST)
-        u, v = pixel_of(in_eye[0], in_eye[1], depth, intrinsics)
+        count = len(lens.names)
+        intrinsics = unknowns[12 : 12 + count] if free else data[6 : 6 + count]
+        depth = in_eye[2] if lens.sees_behind else ca.fmax(in_eye[2], NEAREST)
+        u, v = lens.pixel_of(in_eye[0], in_eye[1], depth, intrinsics, ca.atan2)
         error = ca.vertcat(u - data[0], v - data[1])
         return data[5] * ca.fmax(-farthest, ca.fmin(error, farthest))
 

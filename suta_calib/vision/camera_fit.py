@@ -1,12 +1,14 @@
 """A camera from pictures of a board, with its covariance; and where the board is in a picture.
 
-Zhang (2000), doi:10.1109/34.888718, by OpenCV; the covariance is our own, over all pictures.
+Zhang (2000), doi:10.1109/34.888718: the start is OpenCV's, or of a fisheye the best of some focal
+lengths. All pictures are then fitted together, with any lens.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Final
 
 import numpy as np
@@ -15,13 +17,18 @@ from suta_calib.arrays import FloatArray
 from suta_calib.assessment import Assessment
 from suta_calib.display import Displayable
 from suta_calib.errors import SamplesError
+from suta_calib.geometry.lens import EQUIDISTANT, PLUMB_BOB, RATIONAL, Lens
 from suta_calib.geometry.numbers import homogeneous
-from suta_calib.geometry.pinhole import INTRINSICS
 from suta_calib.measurements.board import Board
 from suta_calib.measurements.camera import Camera
 from suta_calib.measurements.corners import Corners
+from suta_calib.terms.camera_alone import PicturesSeen, State, refined, seen_by
+from suta_calib.terms.camera_start import ahead_of
+from suta_calib.terms.intrinsics import IntrinsicsPrior
 from suta_calib.vision.opencv import opencv
 
+# What a search is kept within: far wider than any lens, but for what pictures do not tell of one.
+_WIDE: Final = IntrinsicsPrior(focal=3.0, centre=1.0, radial=10.0, tangential=1.0, unbent=False)
 # Corners of a picture from which a pose and more can be determined.
 LEAST_CORNERS: Final = 6
 
@@ -45,6 +52,7 @@ class CameraFitOptions:
             per cent is 3 px of 640, and no lens is bent so that five numbers leave that.
         astray: a picture is left out where its RMS is so many times the median.
         noticed: px; none is left out below it.
+        lens: the model; without one, the one that predicts left-out pictures best.
     """
 
     doubtful: float = 0.005
@@ -53,6 +61,7 @@ class CameraFitOptions:
     unfit: float = 0.005
     astray: float = 5.0
     noticed: float = 1.0
+    lens: Lens | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,6 +87,45 @@ class CameraFit(Displayable):
     used: Corners
     covered: float
     assessment: Assessment
+
+
+@dataclass(frozen=True, eq=False)
+class Fitted:
+    """A camera with one lens, fitted to pictures.
+
+    Attributes:
+        camera: with its covariance.
+        residuals: (n, 2) of the corners, px.
+        used: the corners.
+        seen, state: the same in tables, and where the board is in each picture.
+    """
+
+    camera: Camera
+    residuals: FloatArray
+    used: Corners
+    seen: PicturesSeen
+    state: State
+
+    @cached_property
+    def left_out(self) -> FloatArray:
+        """(pictures,) mean square of the errors of each, px², by cameras that did not see it.
+
+        Of five; the board's pose in a picture follows from its own corners.
+        """
+        folds, count = 5, len(self.seen.pixels)
+        squares = np.zeros(count)
+        prior = _WIDE.stds(self.camera)
+        for fold in range(folds):
+            out = np.arange(count) % folds == fold
+            camera = refined(self.seen.take(~out), self.state.take(~out), prior, robust=False)
+            alone, at = (
+                self.seen.take(out),
+                replace(self.state.take(out), intrinsics=camera.intrinsics),
+            )
+            errors = alone.errors(refined(alone, at, np.full(len(prior), 1e-9), robust=False))
+            assert errors is not None
+            squares[out] = np.sum(errors**2, axis=(1, 2)) / alone.there.sum(axis=1)
+        return squares
 
 
 def calibrate_camera(
@@ -115,7 +163,8 @@ def calibrate_camera(
                 where="camera",
                 hint="take more pictures, or give the camera's file with --camera",
             )
-        camera, residuals, used = _fitted(corners, names, board, width, height)
+        fitted = _best_lens(corners, names, board, width, height, how.lens)
+        camera, residuals, used = fitted.camera, fitted.residuals, fitted.used
         views = rms_by_view(used, residuals)
         limit = max(how.astray * float(np.median(list(views.values()))), how.noticed)
         worst = max(views, key=lambda name: views[name])
@@ -131,8 +180,7 @@ def calibrate_camera(
             f"corners that no camera model can explain (error {off})",
             "the corners of the board as its file describes it",
             where="camera",
-            hint="check counts, sizes, positions and rotations in the file of the board, and "
-            "whether the lens is a fisheye",
+            hint="check counts, sizes, positions and rotations in the file of the board",
         )
     hull = opencv().convexHull(used.pixel.astype(np.float32))
     covered = float(opencv().contourArea(hull)) / (width * height)
@@ -141,11 +189,116 @@ def calibrate_camera(
 
 
 def _fitted(
-    corners: Corners, names: list[str], board: Board, width: int, height: int
-) -> tuple[Camera, FloatArray, Corners]:
-    """The camera of these pictures, residuals, and the corners they are of."""
-    cv2 = opencv()
+    lens: Lens,
+    corners: Corners,
+    names: list[str],
+    board: Board,
+    size: tuple[int, int],
+    known: Fitted | None = None,
+) -> Fitted:
+    """The camera of these pictures with such a lens, by least squares of the reprojection errors.
+
+    Args:
+        lens: its model.
+        corners: of all pictures.
+        names: of those that are used.
+        board: that was seen.
+        size: width and height of the pictures, px.
+        known: a camera with another lens, from which the search may begin too.
+
+    Raises:
+        SamplesError: the pictures determine none.
+    """
     used = corners.take(np.isin(corners.image, names))
+    best: tuple[PicturesSeen, State] | None = None
+    least = np.inf
+    for start in _starts(lens, used, names, board, size, known):
+        seen, state, posed = seen_by(start, used, board)
+        if not posed.all() or not np.isfinite(_sum_of_squares(seen, state)):
+            continue
+        state = refined(seen, state, _WIDE.stds(start), robust=False)
+        off = _sum_of_squares(seen, state)
+        if off < least:
+            best, least = (seen, state), off
+        # A search that ended at corners that are found to a pixel ended well.
+        if least < len(used):
+            break
+    if best is None:
+        raise _undetermined(names)
+    seen, state = best
+    errors = seen.errors(state)
+    assert errors is not None
+    by_camera, by_pose = seen.slopes(state)
+    count = len(lens.names)
+    schur = np.zeros((count, count))
+    for A, B in zip(by_camera, by_pose, strict=True):
+        A, B = A.reshape(-1, count), B.reshape(-1, 6)
+        # The board's pose in each picture is unknown too.
+        schur += A.T @ (A - B @ np.linalg.lstsq(B, A, rcond=None)[0])
+    free = 2 * len(used) - count - 6 * len(names)
+    variance = float(np.sum(errors**2)) / max(free, 1)
+    unit = np.sqrt(np.maximum(np.diag(schur), 1e-300))
+    scale = np.outer(unit, unit)
+    inverse = np.linalg.pinv(schur / scale, rcond=1e-14, hermitian=True) / scale
+    camera = Camera(*size, state.intrinsics, variance * np.asarray(inverse), lens=lens)
+    return Fitted(camera, _of_corners(used, board, errors), used, seen, state)
+
+
+def _sum_of_squares(seen: PicturesSeen, state: State) -> float:
+    errors = seen.errors(state)
+    return np.inf if errors is None else float(np.sum(errors**2))
+
+
+def _of_corners(corners: Corners, board: Board, table: FloatArray) -> FloatArray:
+    """Rows of a table (pictures, points, …) in the order of the corners."""
+    picture = {name: k for k, name in enumerate(corners.images)}
+    number = {point: k for k, point in enumerate(board.points)}
+    rows = [picture[name] for name in corners.image.tolist()]
+    return np.asarray(table[rows, [number[k] for k in corners.point.tolist()]])
+
+
+def _undetermined(names: list[str]) -> SamplesError:
+    return SamplesError(
+        f"{len(names)} pictures that do not determine the camera",
+        "pictures of the board from different directions, tilted by 30° or more",
+        where="camera",
+        hint="take more pictures, or give the camera's file with --camera",
+    )
+
+
+def _starts(
+    lens: Lens,
+    used: Corners,
+    names: list[str],
+    board: Board,
+    size: tuple[int, int],
+    known: Fitted | None,
+) -> Iterator[Camera]:
+    """Cameras from which the search for the best one begins, the likeliest first."""
+    bent = np.zeros(len(lens.distortion))
+    if known is not None and not lens.sees_behind and not known.camera.lens.sees_behind:
+        values = known.camera.intrinsics
+        yield Camera(*size, np.array([*values, *bent[len(values) - 4 :]]), lens=lens)
+    by_opencv = None if lens.sees_behind else _by_opencv(used, names, board, size)
+    if by_opencv is not None:
+        yield Camera(*size, np.array([*by_opencv, *bent[5:]]), lens=lens)
+    middle = [(length - 1) / 2 for length in size]
+    found: list[tuple[float, Camera]] = []
+    for angle in np.radians([60.0, 90.0, 120.0, 150.0, 180.0, 220.0]):
+        half = angle / 2 if lens.sees_behind else np.tan(min(angle, np.radians(150.0)) / 2)
+        focal = max(size) / 2 / half
+        camera = Camera(*size, np.array([focal, focal, *middle, *bent]), lens=lens)
+        seen, state, posed = seen_by(camera, used, board)
+        if posed.all() and np.isfinite(off := _sum_of_squares(seen, state)):
+            found.append((off, camera))
+    yield from (camera for _, camera in sorted(found, key=lambda each: each[0])[:2])
+
+
+def _by_opencv(
+    used: Corners, names: list[str], board: Board, size: tuple[int, int]
+) -> FloatArray | None:
+    """Fx fy cx cy k1 k2 p1 p2 k3 of OpenCV; None where it finds none."""
+    cv2 = opencv()
     shown = [used.take(used.image == name) for name in names]
     objects = [board.positions(one.point).astype(np.float32) for one in shown]
     pixels = [one.pixel.astype(np.float32) for one in shown]
@@ -153,44 +306,17 @@ def _fitted(
     if not _is_plane(np.concatenate(objects)):
         # Only from plane boards is there a closed form.
         flags = cv2.CALIB_USE_INTRINSIC_GUESS
+        width, height = size
         focal = float(max(width, height))
         guess = np.array([[focal, 0, (width - 1) / 2], [0, focal, (height - 1) / 2], [0, 0, 1.0]])
     try:
-        _, matrix, distortion, turns, places = cv2.calibrateCamera(
-            objects, pixels, (width, height), guess, np.zeros(5), flags=flags
+        _, matrix, distortion, *_ = cv2.calibrateCamera(
+            objects, pixels, size, guess, np.zeros(5), flags=flags
         )
     except cv2.error:
-        matrix = np.full((3, 3), np.nan)
-    if not np.isfinite(matrix).all():
-        raise SamplesError(
-            f"{len(names)} pictures that do not determine the camera",
-            "pictures of the board from different directions, tilted by 30° or more",
-            where="camera",
-            hint="take more pictures, or give the camera's file with --camera",
-        )
+        return None
     values = np.array([*matrix[[0, 1, 0, 1], [0, 1, 2, 2]], *np.ravel(distortion)[:5]])
-    residuals = np.zeros((len(used), 2))
-    schur = np.zeros((len(INTRINSICS), len(INTRINSICS)))
-    for name, one, turn, place in zip(names, shown, turns, places, strict=True):
-        r, A, B = _linearised(board, one, values, np.ravel(turn), np.ravel(place))
-        residuals[used.image == name] = r
-        # The board's pose in each picture is unknown too.
-        schur += A.T @ (A - B @ np.linalg.lstsq(B, A, rcond=None)[0])
-    free = residuals.size - len(INTRINSICS) - 6 * len(names)
-    variance = float(np.sum(residuals**2)) / max(free, 1)
-    inverse = np.asarray(np.linalg.pinv(schur, rcond=1e-14, hermitian=True), dtype=np.float64)
-    return Camera(width, height, values, variance * inverse), residuals, used
-
-
-def _linearised(
-    board: Board, corners: Corners, intrinsics: FloatArray, turn: FloatArray, place: FloatArray
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Residuals (n, 2) of a picture; derivatives by intrinsics (2 n, 9) and by pose (2 n, 6)."""
-    matrix = Camera(2, 2, intrinsics).matrix
-    projected, J = opencv().projectPoints(
-        board.positions(corners.point), turn, place, matrix, intrinsics[4:]
-    )
-    return projected.reshape(-1, 2) - corners.pixel, J[:, 6:15], J[:, :6]
+    return values if np.isfinite(values).all() else None
 
 
 def rms_by_view(corners: Corners, residuals: FloatArray) -> dict[str, float]:
@@ -201,6 +327,44 @@ def rms_by_view(corners: Corners, residuals: FloatArray) -> dict[str, float]:
     }
 
 
+def _best_lens(
+    corners: Corners, names: list[str], board: Board, width: int, height: int, lens: Lens | None
+) -> Fitted:
+    """The camera with this lens, or with the one whose predictions of left-out pictures are best.
+
+    The first model stays, unless another predicts pictures that it has not seen better by more than
+    chance: one with more coefficients fits its own pictures better in any case.
+    """
+    wanted = (lens,) if lens else (PLUMB_BOB, EQUIDISTANT, RATIONAL)
+    best: Fitted | None = None
+    problems: list[SamplesError] = []
+    for model in wanted:
+        try:
+            other = _fitted(model, corners, names, board, (width, height), best)
+        except SamplesError as problem:
+            problems.append(problem)
+            continue
+        if best is None or _predicts_better(other, best):
+            best = other
+    if best is None:
+        raise problems[0]
+    return best
+
+
+def _predicts_better(other: Fitted, best: Fitted) -> bool:
+    """Whether one camera's errors in left-out pictures are smaller by more than chance."""
+    # So much of the sum of squares is not worth another model; and fewer pictures tell nothing.
+    worth, least = 0.98, 6
+    squares, squares_best = (float(np.sum(each.residuals**2)) for each in (other, best))
+    if squares > worth * squares_best or len(best.seen.pixels) < least:
+        return False
+    # By their logarithms: a lens may fail in the few pictures at the edge alone.
+    gain = np.log(best.left_out / other.left_out)
+    spread = float(np.std(gain, ddof=1)) / np.sqrt(len(gain))
+    # One of a hundred pairs of equally good models differs by so many standard errors.
+    return bool(np.mean(gain) > max(2.6 * spread, -np.log(worth)))
+
+
 def _assessed(
     camera: Camera, rms: float, views: int, covered: float, how: CameraFitOptions
 ) -> Assessment:
@@ -208,7 +372,7 @@ def _assessed(
     assert stds is not None
     share = stds[:4] / camera.intrinsics[:2].mean()
     worst = int(np.argmax(share))
-    weakest = f"the uncertainty of {INTRINSICS[worst]} is ± {stds[worst]:.1f} px"
+    weakest = f"the uncertainty of {camera.lens.names[worst]} is ± {stds[worst]:.1f} px"
     remedy = "tilt the board by 30° or more in all directions, and bring it closer to the camera"
     bad, care = [], []
     if not np.isfinite(share).all() or share[worst] > how.useless:
@@ -250,32 +414,41 @@ def view_poses(
     for name in corners.images:
         rows = corners.image == name
         shown = corners.take(rows)
-        posed = _posed(board.positions(shown.point), shown.pixel, camera)
+        points = board.positions(shown.point)
+        posed = _posed(points, shown.pixel, camera)
         if posed is None:
             continue
-        off, *_ = _linearised(board, shown, camera.intrinsics, *posed)
+        pose = homogeneous(*posed)
+        there = points @ pose[:3, :3].T + pose[:3, 3]
+        off = camera.project(there) - shown.pixel if camera.lens.ahead(there).all() else np.inf
         # A search that went astray ends anywhere: beyond the picture nothing is told by how far.
         if np.abs(off).max() <= max(camera.width, camera.height):
-            poses[name] = homogeneous(opencv().Rodrigues(posed[0])[0], posed[1])
-            residuals[rows] = off
+            poses[name], residuals[rows] = pose, off
     return poses, residuals
 
 
 def _posed(
     points: FloatArray, pixels: FloatArray, camera: Camera
 ) -> tuple[FloatArray, FloatArray] | None:
-    """Rotation vector and position, m, if the points tell a pose."""
+    """Rotation (3, 3) and position, m, if the points tell a pose."""
     if len(points) < 4:
         return None
     cv2 = opencv()
-    lens = camera.matrix, camera.intrinsics[4:]
+    turn = np.eye(3)
+    lens: tuple[FloatArray, FloatArray] = camera.matrix, camera.intrinsics[4:]
+    if camera.lens.sees_behind:
+        # Turned so that the board is ahead, it is seen as by a camera without a lens.
+        turn, pixels, ahead = ahead_of(camera.directions(pixels))
+        if not ahead.all():
+            return None
+        lens = np.eye(3), np.zeros(5)
     # Of the two possible poses of a plane in a distant picture it selects the better one.
     method = cv2.SOLVEPNP_IPPE if _is_plane(points) else cv2.SOLVEPNP_SQPNP
     try:
         count, turns, places, _ = cv2.solvePnPGeneric(points, pixels, *lens, flags=method)
         if not count:
             return None
-        turn, place = cv2.solvePnPRefineLM(points, pixels, *lens, turns[0], places[0])
+        vector, place = cv2.solvePnPRefineLM(points, pixels, *lens, turns[0], places[0])
     except cv2.error:
         return None
-    return np.ravel(turn), np.ravel(place)
+    return turn @ cv2.Rodrigues(vector)[0], turn @ np.ravel(place)

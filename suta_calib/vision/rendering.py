@@ -8,7 +8,7 @@ from functools import lru_cache
 import numpy as np
 
 from suta_calib.arrays import BoolArray, FloatArray
-from suta_calib.geometry.pinhole import undistorted
+from suta_calib.geometry.lens import Lens
 from suta_calib.measurements.board import Board, Charuco, Chessboard, Markers
 from suta_calib.measurements.camera import Camera
 from suta_calib.vision.markers import marker_bits, marker_cells
@@ -64,7 +64,7 @@ def rendered(
     how = options or RenderOptions()
     behind = how.background if scene is None else scene
     picture = np.full((camera.height, camera.width), behind, dtype=float)
-    rays = _rays(camera.width, camera.height, tuple(camera.intrinsics.tolist()))
+    rays = _rays(camera.width, camera.height, camera.lens, tuple(camera.intrinsics.tolist()))
     plane = np.asarray(np.linalg.inv(T_camera_board[:3][:, [0, 1, 3]]), dtype=np.float64)
     paper, _ = _taken(board, rays, plane, how)
     rows, columns = np.flatnonzero(paper.any(axis=1)), np.flatnonzero(paper.any(axis=0))
@@ -84,14 +84,14 @@ def rendered(
 
 
 @lru_cache(maxsize=4)
-def _rays(width: int, height: int, intrinsics: tuple[float, ...]) -> FloatArray:
-    """Coordinates (height, width, 2) at unit depth of what is seen at each pixel's centre."""
+def _rays(width: int, height: int, lens: Lens, intrinsics: tuple[float, ...]) -> FloatArray:
+    """Directions (height, width, 3) of what is seen at each pixel's centre."""
     pixels = np.stack(np.meshgrid(np.arange(width), np.arange(height)), axis=-1)
-    return undistorted(pixels, intrinsics)
+    return lens.directions(pixels, intrinsics)
 
 
 def _finer(rays: FloatArray, samples: int) -> FloatArray:
-    """Rays (height · s, width · s, 2) through every pixel, where a lens is as good as linear."""
+    """Rays (height · s, width · s, 3) through every pixel, where a lens is as good as linear."""
     inside = (np.arange(samples) + 0.5) / samples - 0.5
     down, right = (np.gradient(rays, axis=k) for k in (0, 1))
     fine = (
@@ -100,14 +100,14 @@ def _finer(rays: FloatArray, samples: int) -> FloatArray:
         + down[:, None, :, None] * inside[:, None, None, None]
     )
     height, width = rays.shape[:2]
-    return np.asarray(fine.reshape(height * samples, width * samples, 2))
+    return np.asarray(fine.reshape(height * samples, width * samples, 3))
 
 
 def _taken(
     board: Board, rays: FloatArray, plane: FloatArray, how: RenderOptions
 ) -> tuple[BoolArray, FloatArray]:
-    """Whether rays (h, w, 2) meet paper, and which grey."""
-    homogeneous = rays @ plane[:, :2].T + plane[:, 2]
+    """Whether rays (h, w, 3) meet paper, and which grey."""
+    homogeneous = rays @ plane.T
     ahead = homogeneous[..., 2] > 0
     depth = np.where(ahead, homogeneous[..., 2], 1.0)
     paper, white = _print(

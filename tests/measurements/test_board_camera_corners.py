@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from suta_calib.errors import BoardError, CameraError, InputError, SamplesError
+from suta_calib.geometry.lens import PLUMB_BOB, projected
 from suta_calib.geometry.numbers import rotation_from_rpy
-from suta_calib.geometry.pinhole import INTRINSICS, projected, undistorted
 from suta_calib.measurements import (
     Board,
     Camera,
@@ -168,7 +168,7 @@ def test_a_camera_is_written_and_read_back_bit_for_bit(tmp_path: Path) -> None:
     assert (read.width, read.height) == (1280, 720)
     np.testing.assert_array_equal(read.intrinsics, camera.intrinsics)
     np.testing.assert_allclose(read.covariance, camera.covariance, rtol=1e-14)
-    assert list(read.values) == list(INTRINSICS)
+    assert list(read.values) == list(PLUMB_BOB.names)
     assert read.corners == "0ab"
 
 
@@ -209,7 +209,9 @@ def test_a_camera_that_is_none_is_refused(tmp_path: Path, old: str, new: str, sa
 def test_a_lens_is_taken_out_of_a_picture_again() -> None:
     rng = np.random.default_rng(1)
     points = np.column_stack([rng.uniform(-0.35, 0.35, (50, 2)), np.ones(50)])
-    np.testing.assert_allclose(undistorted(projected(points, LENS), LENS), points[:, :2], atol=1e-9)
+    np.testing.assert_allclose(
+        PLUMB_BOB.undistorted(projected(points, LENS), LENS), points[:, :2], atol=1e-9
+    )
 
 
 def test_a_lens_that_folds_back_spreads_nothing_without_bounds() -> None:
@@ -217,7 +219,7 @@ def test_a_lens_that_folds_back_spreads_nothing_without_bounds() -> None:
     lens = [0.011920619862781767, 0.7232055926401535, 3.61752993942482e-4, -3.81619183e-4, -2.46726]
     folded = np.array([2694.8704, 2703.2094, 1949.115, 1088.5807, *lens])
     across = np.linspace(400.0, 600.0, 2001)
-    found = undistorted(np.column_stack([across, np.full(2001, 263.3)]), folded)
+    found = PLUMB_BOB.undistorted(np.column_stack([across, np.full(2001, 263.3)]), folded)
     assert np.abs(found).max() < 100.0
 
 

@@ -8,8 +8,8 @@ from arm_scenes import BOARD, arm_pictures, truth
 from camera_scenes import CAMERA, LENS, errors, pictures, solved
 from cli_job import answer
 
+from suta_calib.geometry import projected
 from suta_calib.geometry.numbers import vector_from_rotation
-from suta_calib.geometry.pinhole import projected
 from suta_calib.measurements import Camera
 from suta_calib.pose_calibration.correlation import shared_errors
 from suta_calib.pose_calibration.picture_answer import PictureCalibration

@@ -9,8 +9,8 @@ from camera_scenes import CAMERA, LENS, Pictures, after
 from camera_scenes import X as EYE
 
 from suta_calib.arrays import FloatArray
+from suta_calib.geometry import projected
 from suta_calib.geometry.numbers import rotation_from_vector
-from suta_calib.geometry.pinhole import projected
 from suta_calib.measurements import Chessboard, corners_of
 from suta_calib.measurements.pose_files import HandPoses
 from suta_calib.pose_calibration.pictures import View

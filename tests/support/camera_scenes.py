@@ -9,12 +9,12 @@ from typing import Any
 import numpy as np
 
 from suta_calib.arrays import FloatArray
+from suta_calib.geometry import projected
 from suta_calib.geometry.numbers import (
     quaternion_from_rotation,
     rotation_from_vector,
     vector_from_rotation,
 )
-from suta_calib.geometry.pinhole import projected
 from suta_calib.measurements import (
     Board,
     Camera,

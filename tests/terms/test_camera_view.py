@@ -14,8 +14,8 @@ from simulated import arm_named, camera_scene, dh_parameters, perturbed
 
 from suta_calib.emulation import read_truth
 from suta_calib.errors import SamplesError, SutaCalibWarning
+from suta_calib.geometry import projected
 from suta_calib.geometry.numbers import rotation_from_vector
-from suta_calib.geometry.pinhole import projected
 from suta_calib.job.calibration import CalibrationJob
 from suta_calib.measurements import (
     Chessboard,
