@@ -196,16 +196,16 @@ def _matrix(top: YamlSection, width: int, height: int) -> list[float]:
 
 
 def _coefficients(top: YamlSection, lens: Lens) -> list[float]:
-    """The coefficients of a lens. Of a plumb_bob k3, and zeros behind it, may be left out."""
+    """The coefficients of a lens."""
     section, names = top.section("distortion_coefficients"), lens.distortion
     listed = section.data.get("data")
     count = len(listed) if isinstance(listed, list) else len(names)
     values = section.numbers("data", count)
-    if lens is PLUMB_BOB:
-        least, values = 0, values + [0.0] * len(names)
-    else:
-        least = len(names)
-    if count < least or any(values[len(names) :]):
+    # OpenCV writes up to fourteen numbers, of which the last ones are zero in most files; and k3 is
+    # a later addition. A fisheye has four, neither more nor fewer.
+    few = lens is not PLUMB_BOB and count < len(names)
+    many = count > len(names) if lens.sees_behind else any(values[len(names) :])
+    if few or many:
         others = [other for other in LENSES.values() if len(other.distortion) == count]
         hint = f"{count} coefficients are those of {others[0].name}" if others else ""
         raise section.refuse(
@@ -214,7 +214,7 @@ def _coefficients(top: YamlSection, lens: Lens) -> list[float]:
             at=("data",),
             hint=f"{hint}: correct distortion_model" if hint else "",
         )
-    return values[: len(names)]
+    return [*values, *[0.0] * len(names)][: len(names)]
 
 
 def _covariance(top: YamlSection, lens: Lens) -> FloatArray | None:

@@ -16,6 +16,7 @@ from scipy.optimize import minimize_scalar
 from suta_calib.arrays import BoolArray, FloatArray
 from suta_calib.assessment import Level
 from suta_calib.errors import SamplesError
+from suta_calib.geometry.lens import LENSES
 from suta_calib.measurements import Board
 from suta_calib.terms.board_pictures import MIRRORED, QUOTED, ROUNDING, TURNED, BoardPictures
 from suta_calib.terms.camera_start import PLANAR, board_poses, columns_exchanged
@@ -100,6 +101,7 @@ def _others(pictures: BoardPictures) -> Iterator[tuple[BoardPictures, SamplesErr
             )
     if other_markers := _other_markers(pictures):
         yield other_markers
+    yield from _other_lenses(pictures)
     corners = pictures.pixels[found_corners]
     # Sizes of a picture against the one that the camera's file is of.
     resized = (1 / 4, 1 / 3, 1 / 2, 2 / 3, 3 / 4, 4 / 3, 3 / 2, 2.0, 3.0, 4.0)
@@ -114,6 +116,27 @@ def _others(pictures: BoardPictures) -> Iterator[tuple[BoardPictures, SamplesErr
                 f"of {pictures.camera.width} x {pictures.camera.height} px, as the camera's file "
                 "says",
                 hint="calibrate the camera on pictures of the same size, or scale its file",
+            ),
+        )
+
+
+def _other_lenses(pictures: BoardPictures) -> Iterator[tuple[BoardPictures, SamplesError]]:
+    """The same numbers as those of another model, where it can have them."""
+    camera = pictures.camera
+    for lens in LENSES.values():
+        count = len(lens.distortion)
+        bent = np.zeros(max(count, len(camera.intrinsics) - 4))
+        bent[: len(camera.intrinsics) - 4] = camera.intrinsics[4:]
+        if lens is camera.lens or bent[count:].any():
+            continue
+        intrinsics = np.concatenate([camera.intrinsics[:4], bent[:count]])
+        other = replace(camera, lens=lens, intrinsics=intrinsics, covariance=None)
+        yield (
+            replace(pictures, camera=other),
+            SamplesError(
+                f"corners as a lens of the model {lens.name} shows them, with these numbers",
+                f"those of {camera.lens.name}, as the camera's file says",
+                hint="correct distortion_model in the camera's file",
             ),
         )
 

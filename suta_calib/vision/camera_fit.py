@@ -204,7 +204,8 @@ def _fitted(
         names: of those that are used.
         board: that was seen.
         size: width and height of the pictures, px.
-        known: a camera with another lens, from which the search may begin too.
+        known: a camera with another lens that does not see behind itself, from which the search
+            may begin too.
 
     Raises:
         SamplesError: the pictures determine none.
@@ -213,13 +214,12 @@ def _fitted(
     best: tuple[PicturesSeen, State] | None = None
     least = np.inf
     for start in _starts(lens, used, names, board, size, known):
-        seen, state, posed = seen_by(start, used, board)
-        if not posed.all() or not np.isfinite(_sum_of_squares(seen, state)):
+        found = _searched(start, used, board)
+        if found is None:
             continue
-        state = refined(seen, state, _WIDE.stds(start), robust=False)
-        off = _sum_of_squares(seen, state)
+        off = _sum_of_squares(*found)
         if off < least:
-            best, least = (seen, state), off
+            best, least = found, off
         # A search that ended at corners that are found to a pixel ended well.
         if least < len(used):
             break
@@ -242,6 +242,28 @@ def _fitted(
     inverse = np.linalg.pinv(schur / scale, rcond=1e-14, hermitian=True) / scale
     camera = Camera(*size, state.intrinsics, variance * np.asarray(inverse), lens=lens)
     return Fitted(camera, _of_corners(used, board, errors), used, seen, state)
+
+
+def _searched(start: Camera, used: Corners, board: Board) -> tuple[PicturesSeen, State] | None:
+    """All pictures about the camera of least squares; None where it has some of them behind itself.
+
+    A first camera may see some boards nowhere, and others in a wrong pose: those that it sees
+    improve it, and it is asked again.
+    """
+    camera, found = start, None
+    for _ in range(3):
+        seen, state, posed = seen_by(camera, used, board)
+        before = _sum_of_squares(seen, state)
+        if 2 * posed.sum() < len(posed) or not np.isfinite(before):
+            break
+        state = refined(seen, state, _WIDE.stds(start), robust=False)
+        after = _sum_of_squares(seen, state)
+        camera = replace(start, intrinsics=state.intrinsics)
+        if posed.all() and (found is None or after < _sum_of_squares(*found)):
+            found = seen, state
+        if posed.all() and after < len(used):
+            break
+    return found
 
 
 def _sum_of_squares(seen: PicturesSeen, state: State) -> float:
@@ -276,7 +298,7 @@ def _starts(
 ) -> Iterator[Camera]:
     """Cameras from which the search for the best one begins, the likeliest first."""
     bent = np.zeros(len(lens.distortion))
-    if known is not None and not lens.sees_behind and not known.camera.lens.sees_behind:
+    if known is not None and not lens.sees_behind:
         values = known.camera.intrinsics
         yield Camera(*size, np.array([*values, *bent[len(values) - 4 :]]), lens=lens)
     by_opencv = None if lens.sees_behind else _by_opencv(used, names, board, size)
@@ -337,13 +359,15 @@ def _best_lens(
     """
     wanted = (lens,) if lens else (PLUMB_BOB, EQUIDISTANT, RATIONAL)
     best: Fitted | None = None
+    straight: Fitted | None = None
     problems: list[SamplesError] = []
     for model in wanted:
         try:
-            other = _fitted(model, corners, names, board, (width, height), best)
+            other = _fitted(model, corners, names, board, (width, height), straight)
         except SamplesError as problem:
             problems.append(problem)
             continue
+        straight = straight if model.sees_behind else other
         if best is None or _predicts_better(other, best):
             best = other
     if best is None:
@@ -353,16 +377,20 @@ def _best_lens(
 
 def _predicts_better(other: Fitted, best: Fitted) -> bool:
     """Whether one camera's errors in left-out pictures are smaller by more than chance."""
-    # So much of the sum of squares is not worth another model; and fewer pictures tell nothing.
-    worth, least = 0.98, 6
+    # Schwarz (1978), doi:10.1214/aos/1176344136, for four coefficients and some thousand numbers;
+    # and fewer pictures tell nothing.
+    worth, least = 30.0, 6
     squares, squares_best = (float(np.sum(each.residuals**2)) for each in (other, best))
-    if squares > worth * squares_best or len(best.seen.pixels) < least:
+    if squares_best - squares < worth * squares / other.residuals.size:
         return False
-    # By their logarithms: a lens may fail in the few pictures at the edge alone.
+    if len(best.seen.pixels) < least:
+        return False
+    # Errors of a picture are alike, which the sum of squares does not know; by their logarithms, as
+    # a lens may fail in the few pictures at the edge alone.
     gain = np.log(best.left_out / other.left_out)
     spread = float(np.std(gain, ddof=1)) / np.sqrt(len(gain))
-    # One of a hundred pairs of equally good models differs by so many standard errors.
-    return bool(np.mean(gain) > max(2.6 * spread, -np.log(worth)))
+    # One of twenty pairs of equally good models differs by so many standard errors.
+    return bool(np.mean(gain) > 1.64 * spread)
 
 
 def _assessed(

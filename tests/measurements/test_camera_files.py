@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from suta_calib.errors import CameraError
-from suta_calib.measurements.camera import read_camera
+from suta_calib.geometry.lens import EQUIDISTANT, PLUMB_BOB, RATIONAL
+from suta_calib.measurements.camera import read_camera, write_camera
 
 INTRINSICS = [1187.0, 1189.0, 607.0, 478.0, 0.1, -0.2, 0.0005, -0.001, 0.02]
 K = [1187.0, 0.0, 607.0, 0.0, 1189.0, 478.0, 0.0, 0.0, 1.0]
@@ -67,19 +69,66 @@ def test_the_same_camera(what: str, tmp_path: Path) -> None:
     np.testing.assert_allclose(camera.intrinsics[:few], INTRINSICS[:few])
 
 
+EIGHT = [*D, 0.3, -0.1, 0.01]
+FISHEYE = D[:4]
+LENS_FILES = {
+    "ROS, rational": (
+        FILE.replace("plumb_bob", "rational_polynomial").replace(str(D), str(EIGHT)),
+        (RATIONAL, EIGHT),
+    ),
+    # Its FileStorage names no model.
+    "OpenCV, eight numbers": (OPENCV.replace(str(D), str(EIGHT)), (RATIONAL, EIGHT)),
+    "OpenCV, eight numbers of which three are zero": (
+        OPENCV.replace(str(D), str([*D, 0.0, 0.0, 0.0])),
+        (PLUMB_BOB, D),
+    ),
+    "ROS, equidistant": (
+        FILE.replace("plumb_bob", "equidistant").replace(str(D), str(FISHEYE)),
+        (EQUIDISTANT, FISHEYE),
+    ),
+    "a message, fisheye": (
+        MESSAGE.replace("plumb_bob", "fisheye").replace(f"- {D[4]}\n", ""),
+        (EQUIDISTANT, FISHEYE),
+    ),
+    "kalibr, equi": (KALIBR.replace("radtan", "equidistant"), (EQUIDISTANT, FISHEYE)),
+}
+
+
+@pytest.mark.parametrize("what", LENS_FILES)
+def test_other_lenses(what: str, tmp_path: Path) -> None:
+    path = tmp_path / "camera.yaml"
+    text, (lens, coefficients) = LENS_FILES[what]
+    path.write_text(text)
+    camera = read_camera(path)
+    assert camera.lens is lens
+    np.testing.assert_array_equal(camera.intrinsics, [*INTRINSICS[:4], *coefficients])
+    write_camera(path, replace(camera, covariance=np.eye(len(camera.intrinsics))))
+    again = read_camera(path)
+    assert again.lens is lens
+    np.testing.assert_array_equal(again.intrinsics, camera.intrinsics)
+    np.testing.assert_array_equal(again.covariance, np.eye(len(camera.intrinsics)))
+
+
 REFUSED = {
     "rational": (
         FILE.replace("plumb_bob", "rational_polynomial"),
-        r":5: distortion_model: found 'rational_polynomial', OpenCV's rational model, k1 k2 p1 p2",
+        r":6: .*found 5 coefficients for the distortion model rational_polynomial; expected 8: k1",
     ),
-    "fisheye": (FILE.replace("plumb_bob", "equidistant"), "'equidistant', the fisheye model"),
+    "fisheye": (
+        FILE.replace("plumb_bob", "fisheye"),
+        "found 5 coefficients for the distortion model equidistant; expected 4: .*"
+        "5 coefficients are those of plumb_bob: correct distortion_model",
+    ),
     "eight numbers": (
         FILE.replace("0.02]", "0.02, 0.3, -0.1, 0.01]"),
-        "found 8 coefficients, OpenCV's rational model, .* expected five",
+        "found 8 coefficients .* plumb_bob; expected 5: .* are those of rational_polynomial",
+    ),
+    "a model that is not read": (
+        FILE.replace("plumb_bob", "thin_prism"),
+        "OpenCV's model with a thin prism, k1 to s4; expected one of plumb_bob, rational_poly",
     ),
     "two cameras": (KALIBR + KALIBR.replace("cam0", "cam1"), ":9: cam1: found 2 cameras of kalib"),
     "another camera": (KALIBR.replace("pinhole", "omni"), r":3: cam0.camera_model: found 'omni'"),
-    "kalibr's fisheye": (KALIBR.replace("radtan", "equidistant"), r":5: .*the fisheye model"),
     "binned": (MESSAGE.replace("binning_x: 0", "binning_x: 2"), "found pictures binned by 2"),
     "a part": (
         MESSAGE.replace("x_offset: 0", "x_offset: 8"),

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from camera_scenes import BOARD, LENS, X, pictures
 
+from suta_calib.geometry.lens import PLUMB_BOB
 from suta_calib.geometry.numbers import rotation_from_vector
 from suta_calib.pose_calibration.pictures import hand_eye_from_pictures
 from suta_calib.terms.camera_alone import PicturesSeen, State, camera_alone
@@ -21,7 +22,8 @@ def test_slopes_are_differences() -> None:
     points = np.column_stack([random.uniform(-0.1, 0.1, (k, 2)), np.zeros(k)])
     place = np.column_stack([random.uniform(-0.05, 0.05, (n, 2)), random.uniform(0.4, 0.6, n)])
     at = State(WIDE, rotation_from_vector(random.uniform(-0.4, 0.4, (n, 3))), place)
-    seen = PicturesSeen(points, np.zeros((n, k, 2)), np.ones((n, k), dtype=np.bool_))
+    there = np.ones((n, k), dtype=np.bool_)
+    seen = PicturesSeen(points, np.zeros((n, k, 2)), there, PLUMB_BOB)
     by_camera, by_pose = seen.slopes(at)
 
     def slope(camera: np.ndarray, poses: np.ndarray) -> np.ndarray:
