@@ -10,11 +10,12 @@ from suta_calib.atomic import check_outputs
 from suta_calib.cli._options import PATH, WRITTEN, Folder, flag, option
 from suta_calib.cli._output import LateProgress, answer_command
 from suta_calib.errors import BoardError, InputError, OutputError
+from suta_calib.geometry.lens import LENSES
 from suta_calib.measurements import read_board, read_camera, write_camera, write_corners
 from suta_calib.report.detect import detect_document
 from suta_calib.report.document import Document
+from suta_calib.vision import CameraFitOptions, DetectionOptions, find_pictures
 from suta_calib.vision import detect as detected
-from suta_calib.vision import find_pictures
 
 
 @answer_command
@@ -27,6 +28,11 @@ from suta_calib.vision import find_pictures
     PATH,
     name="known",
 )
+@option(
+    "--lens MODEL",
+    "Model of the lens, if it is known; default: the model that predicts left-out pictures best.",
+    click.Choice([*LENSES]),
+)
 @option("--camera-out CAMERA.yaml", "File for the calibrated camera.", WRITTEN)
 @option(
     "--report DIR", "Write detect.json, detect.svg and report.html there.", Folder(), name="out"
@@ -37,6 +43,7 @@ def detect(
     board: Path,
     file: Path | None,
     known: Path | None,
+    lens: str | None,
     camera_out: Path | None,
     pictures: bool,
 ) -> Document:
@@ -52,6 +59,8 @@ def detect(
             "give either --camera (the camera is known) or --camera-out (it is calibrated), not "
             "both"
         )
+    if known is not None and lens is not None:
+        raise click.UsageError("--camera names its lens: give either --camera or --lens, not both")
     if pictures and click.get_current_context().params["out"] is None:
         raise click.UsageError("--pictures needs a folder for the pictures: give --report")
     outputs = [each for each in (file, camera_out) if each is not None]
@@ -63,9 +72,10 @@ def detect(
     check_outputs(outputs, [board, known, *(each.path for each in found_files)])
     sought = read_board(board)
     camera = None if known is None else read_camera(known)
+    options = DetectionOptions(camera=CameraFitOptions(lens=LENSES[lens] if lens else None))
     with LateProgress("searching") as progress:
         try:
-            detection = detected(found_files, sought, camera, progress=progress)
+            detection = detected(found_files, sought, camera, options, progress)
         except BoardError as problem:
             raise BoardError.of(problem, board, problem.line) from None
     if camera_out is not None and detection.fit is None:

@@ -80,7 +80,8 @@ def intrinsics_of(camera: Camera) -> list[Intrinsic]:
 
 def camera_record(camera: Camera) -> Json:
     """A camera as JSON has it: its numbers by name, and ``std`` of each where it is known."""
-    record: Json = {"width": camera.width, "height": camera.height, **camera.values}
+    size = {"width": camera.width, "height": camera.height}
+    record: Json = {**size, "distortion_model": camera.lens.name, **camera.values}
     if camera.stds is not None:
         record["std"] = dict(zip(camera.lens.names, camera.stds.tolist(), strict=True))
     return record
@@ -99,7 +100,8 @@ def detect_document(detection: Detection, *, pictures: bool = False) -> Document
         sentence += f"; reprojection RMS {text(detection.rms, 'px', with_unit=True)} (2-D)"
     parts.append(Text(sentence))
     if detection.camera is not None:
-        title = "Camera, calibrated from these pictures" if detection.fit else "Camera, as given"
+        by = "calibrated from these pictures" if detection.fit else "as given"
+        title = f"Camera ({detection.camera.lens.name}), {by}"
         parts += [
             CAMERA.of(intrinsics_of(detection.camera), title),
             Figure(partial(_plot, detection), "Where corners were found, and their errors"),

@@ -121,14 +121,19 @@ def seen_by(
 
 
 def refined(
-    pictures: PicturesSeen, state: State, prior: FloatArray, *, robust: bool = True
+    pictures: PicturesSeen,
+    state: State,
+    prior: FloatArray,
+    *,
+    robust: bool = True,
+    settled: float = 1e-6,
 ) -> State:
     """The camera and poses of least reprojection error; ``prior`` (c,) is about the first one.
 
-    ``robust`` lets corners that are far off pull no harder than others.
+    ``robust`` lets corners that are far off pull no harder than others; ``settled`` is the relative
+    gain from where on it ends.
     """
-    # Relative gain from where on it is settled, and damping from where on no step helps.
-    settled = 1e-6 if robust else 1e-10
+    # Damping from where on no step helps.
     stuck = 1e8
     # Distance of a corner, in their scatter, from where on it pulls no harder; the scatter of
     # normal ones in their middle distance; and the least one, px, which is rounding.

@@ -240,12 +240,12 @@ def _strange(pictures: BoardPictures, names: Sequence[str]) -> list[str]:
     nowhere = pictures.posed & np.isnan(off)
     sentences = []
     for k in np.flatnonzero(nowhere | (off > limit)).tolist():
-        what = "" if nowhere[k] else _blunder(pictures, k, limit)
-        how_far = "" if nowhere[k] else f" {off[k]:.0f} px"
-        sentences.append(
-            f"In {names[k]} {what or f'the corners are{how_far}'} from the places that the board "
-            "has in any pose. Leave this picture out (exclude)."
-        )
+        if nowhere[k]:
+            wrong = "no pose of the board has its corners in front of the camera"
+        else:
+            what = _blunder(pictures, k, limit) or f"the corners are {off[k]:.0f} px"
+            wrong = f"{what} from the places that the board has in any pose"
+        sentences.append(f"In {names[k]} {wrong}. Leave this picture out (exclude).")
     return sentences
 
 

@@ -225,7 +225,9 @@ def _fitted(
             break
     if best is None:
         raise _undetermined(names)
-    seen, state = best
+    seen = best[0]
+    start = Camera(*size, best[1].intrinsics, lens=lens)
+    state = refined(seen, best[1], _WIDE.stds(start), robust=False, settled=1e-10)
     errors = seen.errors(state)
     assert errors is not None
     by_camera, by_pose = seen.slopes(state)
@@ -256,7 +258,7 @@ def _searched(start: Camera, used: Corners, board: Board) -> tuple[PicturesSeen,
         before = _sum_of_squares(seen, state)
         if 2 * posed.sum() < len(posed) or not np.isfinite(before):
             break
-        state = refined(seen, state, _WIDE.stds(start), robust=False)
+        state = refined(seen, state, _WIDE.stds(start), robust=False, settled=1e-3)
         after = _sum_of_squares(seen, state)
         camera = replace(start, intrinsics=state.intrinsics)
         if posed.all() and (found is None or after < _sum_of_squares(*found)):
