@@ -44,7 +44,7 @@ ONLY = {
     "model": {"model"} | ROWS[0] | ROWS[1],
     "measurements": {"measurements"} | ROWS[0] | ROWS[1],
     "device": {"device", "measurements"} | ROWS[0] | ROWS[1],
-    "vision": {"vision", "measurements"} | ROWS[0] | ROWS[1],
+    "vision": {"vision", "terms", "measurements"} | ROWS[0] | ROWS[1],
 }
 
 

@@ -1,7 +1,7 @@
 from .camera_fit import CameraFit as CameraFit
+from .camera_fit import CameraFitOptions as CameraFitOptions
 from .camera_fit import calibrate_camera as calibrate_camera
 from .camera_fit import view_poses as view_poses
-from .camera_fit import CameraFitOptions as CameraFitOptions
 from .detection import Detection as Detection
 from .detection import DetectionOptions as DetectionOptions
 from .detection import SearchedPicture as SearchedPicture

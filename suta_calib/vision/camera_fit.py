@@ -38,7 +38,7 @@ class NoCameraFitsError(SamplesError):
 
 
 @dataclass(frozen=True)
-class CameraFitOptions:
+class CameraFitOptions(Displayable):
     """What a calibration of a camera must keep to.
 
     Attributes:

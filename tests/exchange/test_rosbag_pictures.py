@@ -58,12 +58,12 @@ def test_a_picture_of_each_rest_is_a_file(
 
 
 def test_what_is_asked_for_must_be_there(tmp_path: Path) -> None:
-    path = write_recording(tmp_path / "run", encoding="mono8", camera_model="equidistant")
+    path = write_recording(tmp_path / "run", encoding="mono8", camera_model="thin_prism")
     with pytest.raises(InputError, match=r"no topic '/cam' of this kind; expected one of /camera"):
         imported(path, image_topic="/cam")
     found = imported(path, image_topic=TOPIC)
     assert found.camera is None
-    assert any("equidistant, not plumb_bob" in note for note in found.assessment.notes)
+    assert any("thin_prism with " in note for note in found.assessment.notes)
     with pytest.raises(InputError, match="no topic"):
         imported(write_recording(tmp_path / "blind"), image_topic=TOPIC)
 
@@ -133,9 +133,14 @@ def test_a_camera_info_is_a_camera_or_says_why_not() -> None:
     )
     first, _ = camera_of(in_ros_1)
     assert first is not None
+    eight = [0.1, 0.2, 0.0, 0.0, 0.1, 0.3, 0.2, 0.1]
+    wide, _ = camera_of(info(distortion_model="rational_polynomial", d=eight))
+    assert wide is not None
+    np.testing.assert_array_equal(wide.intrinsics, [500, 501, 320, 240, *eight])
     for more, why in (
         ({"k": [0.0] * 9}, "was not calibrated"),
-        ({"distortion_model": "rational_polynomial", "d": [0.0] * 8}, "not plumb_bob"),
+        ({"distortion_model": "thin_prism", "d": [0.0] * 12}, "none of plumb_bob, rational_poly"),
+        ({"distortion_model": "equidistant", "d": [0.0] * 5}, "equidistant with 5 coefficients"),
         ({"d": [float("nan")]}, "not a number"),
     ):
         none, said = camera_of(info(**more))

@@ -13,7 +13,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from suta_calib.arrays import FloatArray
+from suta_calib.errors import InputError
 from suta_calib.exchange import Result, export_formats, import_formats, read_foreign, write_foreign
+from suta_calib.geometry.lens import LENSES, RATIONAL
 from suta_calib.measurements import Camera, read_camera
 from suta_calib.model.arm import ArmModel
 from suta_calib.model.parameters import OFFSET
@@ -108,10 +110,19 @@ def test_a_camera_is_read_back_as_it_was_written(data: st.DataObject, scratch: P
     width, height = data.draw(st.integers(16, 9000)), data.draw(st.integers(16, 9000))
     focal = data.draw(st.lists(st.floats(0.3, 20.0), min_size=2, max_size=2))
     middle = data.draw(st.lists(st.floats(0.2, 0.8), min_size=2, max_size=2))
-    distortion = data.draw(st.lists(st.floats(-0.3, 0.3), min_size=5, max_size=5))
+    lens = data.draw(st.sampled_from([*LENSES.values()]))
+    form = data.draw(st.sampled_from(["camera-info", "opencv-camera", "kalibr"]))
+    n = len(lens.distortion)
+    distortion = data.draw(st.lists(st.floats(-0.3, 0.3), min_size=n, max_size=n))
     intrinsics = [*np.multiply(focal, width), *np.multiply(middle, (width, height)), *distortion]
-    camera = Camera(width, height, np.array(intrinsics))
-    found = write_foreign(Result(scratch, None, (), camera), "camera-info")
+    camera = Camera(width, height, np.array(intrinsics), lens=lens)
+    result = Result(scratch, None, (), camera)
+    if form == "kalibr" and (lens is RATIONAL or any(distortion[4:])):
+        with pytest.raises(InputError, match="kalibr has no other"):
+            write_foreign(result, form)
+        return
+    found = write_foreign(result, form)
     again = read_camera(found.write(scratch.with_name(found.file))[0])
     assert (again.width, again.height) == (width, height)
+    assert again.lens is lens
     np.testing.assert_array_equal(again.intrinsics, camera.intrinsics)

@@ -86,7 +86,7 @@ def test_every_kind_can_be_seen(name: str) -> None:
     assert len(scene.rows) == len(term.poses)
     assert np.isfinite(scene.extent).all()
     stands = [t for t in scene.things if not isinstance(t, (ErrorVectors, Ellipsoids))]
-    assert stands or term.kind.startswith("pairwise")
+    assert stands or not (term.place_unknown or term.mark or term.frames)
 
 
 def test_ellipsoids_are_the_covariance_of_the_tip() -> None:

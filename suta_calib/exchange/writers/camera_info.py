@@ -1,4 +1,4 @@
-"""``camera_info`` YAML of ROS, which OpenCV's ``FileStorage`` reads too."""
+"""A camera as ROS, OpenCV and kalibr read it."""
 
 from __future__ import annotations
 
@@ -11,7 +11,9 @@ from suta_calib.errors import InputError
 from suta_calib.exchange.option import Given, Option
 from suta_calib.exchange.result import Result
 from suta_calib.exchange.writer import Writer
-from suta_calib.measurements.camera import camera_text, matrix_text
+from suta_calib.geometry.lens import EQUIDISTANT, PLUMB_BOB
+from suta_calib.measurements.camera import Camera, camera_text, matrix_text
+from suta_calib.measurements.yaml_text import yaml_text
 
 NAME: Final = Option("camera_name", "Name of the camera.", "NAME")
 
@@ -27,13 +29,10 @@ class CameraInfoWriter(Writer):
 
     def content(self, result: Result, given: Given) -> bytes:
         """`camera.yaml`, with the matrices of a camera that is not rectified."""
-        if result.camera is None:
-            problem = f"no camera, which the format {self.name} needs"
-            raise InputError(problem, "the result of a job with a camera", file=result.path)
+        camera = _camera(result, self.name)
         name = given.text(NAME, "camera")
         if not name.replace("_", "").replace("/", "").isalnum():
             raise given.refuse(NAME, repr(name), "letters, digits, _ and /")
-        camera = result.camera
         projection: FloatArray = np.hstack([camera.matrix, np.zeros((3, 1))])
         # OpenCV's FileStorage asks for the first line; YAML readers take it in this spelling.
         return (
@@ -41,3 +40,70 @@ class CameraInfoWriter(Writer):
             f"rectification_matrix: {matrix_text(np.eye(3))}\n"
             f"projection_matrix: {matrix_text(projection)}\n"
         ).encode()
+
+
+class OpencvCameraWriter(Writer):
+    """The camera's intrinsics as ``cv::FileStorage`` has them."""
+
+    name = "opencv-camera"
+    summary = "camera as OpenCV's FileStorage (YAML)"
+    example = "results --format opencv-camera --out camera.yaml"
+    file = "exported_opencv_camera.yaml"
+
+    def content(self, result: Result, given: Given) -> bytes:
+        """Size, matrix, and the coefficients; and their model, for which OpenCV has no key."""
+        del given
+        camera = _camera(result, self.name)
+        return (
+            "%YAML:1.0\n---\n"
+            f"image_width: {camera.width}\nimage_height: {camera.height}\n"
+            f"distortion_model: {camera.lens.name}\n"
+            f"camera_matrix: {_storage(camera.matrix)}"
+            f"distortion_coefficients: {_storage(camera.intrinsics[4:, None])}"
+        ).encode()
+
+
+class KalibrWriter(Writer):
+    """The camera's intrinsics as a camchain of kalibr has them."""
+
+    name = "kalibr"
+    summary = "camera as a camchain.yaml of kalibr (pinhole with radtan or equidistant)"
+    example = "results --format kalibr --camera_name cam0 --out camchain.yaml"
+    options = (NAME,)
+    file = "exported_camchain.yaml"
+
+    def content(self, result: Result, given: Given) -> bytes:
+        """One camera; its radtan has no k3, so that a lens with one is refused."""
+        camera = _camera(result, self.name)
+        models = {PLUMB_BOB: "radtan", EQUIDISTANT: "equidistant"}
+        bent = camera.intrinsics[4:]
+        if camera.lens not in models or bent[4:].any():
+            what = camera.lens.name + (" with k3" if camera.lens is PLUMB_BOB else "")
+            raise InputError(
+                f"a lens of the model {what}",
+                "plumb_bob without k3, or equidistant: kalibr has no other of these models",
+                file=result.path,
+                hint="calibrate the camera with --lens equidistant, or export camera-info",
+            )
+        entry = {
+            "camera_model": "pinhole",
+            "distortion_coeffs": bent[:4].tolist(),
+            "distortion_model": models[camera.lens],
+            "intrinsics": camera.intrinsics[:4].tolist(),
+            "resolution": [camera.width, camera.height],
+        }
+        return yaml_text({given.text(NAME, "cam0"): entry}).encode()
+
+
+def _camera(result: Result, wanted: str) -> Camera:
+    if result.camera is None:
+        problem = f"no camera, which the format {wanted} needs"
+        raise InputError(problem, "the result of a job with a camera", file=result.path)
+    return result.camera
+
+
+def _storage(matrix: FloatArray) -> str:
+    """A matrix as ``cv::FileStorage`` writes it."""
+    rows, columns = matrix.shape
+    data = ", ".join(repr(value) for value in matrix.ravel().tolist())
+    return f"!!opencv-matrix\n   rows: {rows}\n   cols: {columns}\n   dt: d\n   data: [{data}]\n"
