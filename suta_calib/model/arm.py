@@ -265,8 +265,8 @@ class ArmModel(Mechanism):
         """A sensor of which it is known which way is up in its link."""
         if sensor.upright is not None:
             return sensor
-        rotation = self.link_rotations(sensor.link, np.zeros((1, len(self.joints))))[0]
-        x, y, z = (self.up @ rotation).tolist()
+        rotation, _ = self.link_poses(sensor.link, np.zeros((1, len(self.joints))))
+        x, y, z = (self.up @ rotation[0]).tolist()
         return replace(sensor, upright=(x, y, z))
 
     @property
@@ -294,10 +294,10 @@ class ArmModel(Mechanism):
         """(3,) of unit length, the other way."""
         return -self.down / np.linalg.norm(self.down)
 
-    def link_rotations(
+    def link_poses(
         self, link: str, q: FloatArray, values: Mapping[str, float] = MappingProxyType({})
-    ) -> FloatArray:
-        """Orientations (n, 3, 3) of a link in the base, if nothing yields or leans.
+    ) -> tuple[FloatArray, FloatArray]:
+        """Orientations (n, 3, 3), positions (n, 3) of a link in the base; nothing yields or leans.
 
         Args:
             link: of the chain, which does not climb.
@@ -314,8 +314,8 @@ class ArmModel(Mechanism):
             width=len(self.joints),
             loops=self.closed,
         ).map(len(q))
-        flat = function(np.zeros(0), q.T)[0]
-        return np.swapaxes(np.array(flat).T.reshape(-1, 3, 3), 1, 2)
+        flat, position, _ = (np.array(part).T for part in function(np.zeros(0), q.T))
+        return np.swapaxes(flat.reshape(-1, 3, 3), 1, 2), position
 
     def carried_by(self, link: str) -> tuple[str, FloatArray]:
         """The next moving joint that a link of the chain carries, and where (3,) in its frame, m.

@@ -74,6 +74,9 @@ class NoiseLevels:
         0.0,
         "instrument",
     )
+    tilt: float = keyed(
+        ANGLE_OR_0, "Of the direction that a tilt sensor of the arm feels, per component.", 0.0
+    )
 
     def of_instrument(self, unit: Unit) -> float:
         """Noise of an external instrument's reading in a unit."""

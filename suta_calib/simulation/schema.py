@@ -18,6 +18,7 @@ from suta_calib.display import Displayable
 from suta_calib.errors import JobError
 from suta_calib.measurements import YamlSection, read_yaml
 from suta_calib.measurements.fields import (
+    ANGLE_OR_0,
     DIRECTION,
     FILE,
     FLAG,
@@ -107,6 +108,7 @@ class SetSpec(Displayable):
         temperature: lowest and highest of the arm, °C; None where no file says.
         payloads: masses that the tip carries, one of them in each sample, kg; empty for none.
         payload_place: (3,) where their centre is in the frame of the tip, m.
+        lean: of links with a tilt sensor, standard deviation about either horizontal axis, rad.
         motion: how the arm moves while it is seen; None for one that rests at each row.
         chain: whose samples they are, where the arm has several chains.
         base_chain: the chain from whose tip it is seen or touched; empty for its own base.
@@ -133,6 +135,7 @@ class SetSpec(Displayable):
     temperature: tuple[float, float] | None = None
     payloads: tuple[float, ...] = ()
     payload_place: tuple[float, ...] = (0.0, 0.0, 0.0)
+    lean: float = 0.0
     motion: MotionSpec | None = None
     chain: str = ""
     base_chain: str = ""
@@ -321,6 +324,13 @@ def _medium_keys(kind: type[Term]) -> tuple[Field, ...]:
                 mapping(MotionSpec),
                 "The arm moves smoothly while it is seen, and the samples have a column time. "
                 "Default: it rests at each row.",
+            ),
+            Field(
+                "lean_deg",
+                ANGLE_OR_0,
+                "Lean of each link with a tilt sensor about either horizontal axis: standard "
+                "deviation of what is random in every sample. Default: 0.",
+                given_attribute="lean",
             ),
             *frames,
             *([Field("orientation", FLAG, turned)] if optional else []),

@@ -22,6 +22,7 @@ from suta_calib.model.arm import ArmModel
 from suta_calib.model.parameters import Parameter
 from suta_calib.model.robot import AnyArm
 from suta_calib.simulation.inverse_kinematics import InverseKinematics, Targets
+from suta_calib.simulation.leaning import as_felt, up_in_links
 from suta_calib.simulation.motion import MotionSpec, Passage, passage
 from suta_calib.simulation.noise import (
     encoder_readings,
@@ -257,6 +258,8 @@ def _touched(plan: SetSpec, visits: Visits, visitor: Visitor) -> SimulatedFile:
     q = visitor.reach(plan, visits, targets, visits.start, random("touches"))
     sides = last_motions(kinematics.arm, kinematics.values, q, random("direction"))
     q = readings_beside(kinematics.arm, kinematics.values, q, sides)
+    # Postures are found for links that do not lean.
+    level = up_in_links(kinematics.arm, q, kinematics.values, 0.0, random("lean"))
     path = f"{plan.name}/{visits.name}.csv"
     samples = Samples.from_arrays(
         kinematics.arm.joints,
@@ -265,6 +268,7 @@ def _touched(plan: SetSpec, visits: Visits, visitor: Visitor) -> SimulatedFile:
         origin=_origins(path, n),
         numbers=_read_numbers(plan, visits.numbers, instrument),
         direction=sides,
+        felt=as_felt(level, plan.noise.tilt, random("tilt")),
     )
     return SimulatedFile(path, samples, displacement)
 
@@ -306,7 +310,12 @@ def _sighted_samples(
     sides = last_motions(arm, values, rests, random("direction"))
     if sides is not None:
         conditions["direction"] = sides[seen_at]
+    if arm.tilt_sensors:
+        felt = up_in_links(arm, rests, values, plan.lean, random("lean"))
+        conditions["felt"] = {name: vectors[seen_at] for name, vectors in felt.items()}
     ideal = _ideal(plan, arm, q, labels, values, conditions)
+    if arm.tilt_sensors:
+        conditions["felt"] = as_felt(conditions["felt"], noise.tilt, random("tilt"))
     rng = random("instrument")
     displacement = outlier_displacements(random(label, "outliers"), plan.outliers, n)
     position, corners = None, None

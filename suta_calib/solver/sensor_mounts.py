@@ -59,14 +59,14 @@ def with_sensors_mounted(arm: _AnyArm, terms: Sequence[Term]) -> _AnyArm:
             rows = np.flatnonzero(felt.any(axis=1))
             if len(rows):
                 q = each.samples.q[rows]
-                rotation = each.arm.link_rotations(link.sensor.link, q)
+                rotation, _ = each.arm.link_poses(link.sensor.link, q)
                 in_root = each.arm.root_axes @ rotation
                 by_sensor.setdefault(link.sensor, []).append((in_root, felt[rows]))
     if not by_sensor:
         return arm
     up = next(each.arm.root_axes @ each.arm.up for each in poses if each.arm.tilted)
     data = {s: tuple(map(np.concatenate, zip(*d, strict=True))) for s, d in by_sensor.items()}
-    lean, mounts = _agreeing(up, data)
+    lean, mounts = agreeing(up, data)
     found = dict(zip(UP, vector_from_rotation(lean).tolist(), strict=True))
     for sensor, mount in mounts.items():
         vector = vector_from_rotation(mount)
@@ -74,7 +74,7 @@ def with_sensors_mounted(arm: _AnyArm, terms: Sequence[Term]) -> _AnyArm:
     return arm.at(found)
 
 
-def _agreeing(
+def agreeing(
     up: FloatArray, data: dict[TiltSensor, tuple[FloatArray, ...]]
 ) -> tuple[FloatArray, dict[TiltSensor, FloatArray]]:
     """The lean of "up" (3, 3), and how each sensor is mounted (3, 3).

@@ -7,14 +7,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from suta_calib import ArmModel
+from suta_calib import ArmModel, TrackedPoint, solve
 from suta_calib.errors import InputError
 from suta_calib.exchange import read_result
 from suta_calib.exchange.writer import write_foreign
 from suta_calib.geometry.numbers import rotation_from_vector
 from suta_calib.job import CalibrationJob
 from suta_calib.job.calibration import Calibration
-from suta_calib.terms import ArmPoses
+from suta_calib.simulation import read_simulation, simulate
+from suta_calib.terms import ArmPoses, Setup
 from suta_calib.tracking.uncertainty import read_uncertainty
 from tests.support.cli_job import answer
 from tests.support.column_robot import (
@@ -23,6 +24,7 @@ from tests.support.column_robot import (
     Measured,
     built,
     column_robot,
+    column_robot_urdf,
     measured,
     tracked,
     written,
@@ -60,6 +62,10 @@ def test_a_robot_that_sinks_is_as_good_as_its_instruments(result: Calibration) -
 def test_without_its_sensors_it_is_not(sets: dict[str, Measured], tmp_path: Path) -> None:
     plain = CalibrationJob.load(written(tmp_path, sets, sensors=False)).run()
     assert plain.metrics["validation"]["after"].rms > 3e-3
+    wanted = (
+        "tilt_sensors: [{link: base_link, columns: [base_link_ax, base_link_ay, base_link_az]}]"
+    )
+    assert any(wanted in note for note in plain.assessment.notes), plain.assessment.notes
 
 
 def changed(path: Path, name: str, old: str, new: str) -> Path:
@@ -159,3 +165,42 @@ def test_a_result_is_validated_exported_and_not_tracked(
     assert "tilt[column].share" in exported.lost
     with pytest.raises(InputError, match="tilt sensors correct this arm"):
         read_uncertainty(record, ArmModel.from_urdf(urdf, "tip"))
+
+
+def test_simulated_by_a_file_it_comes_back(tmp_path: Path) -> None:
+    (tmp_path / "robot.urdf").write_text(column_robot_urdf())
+    (tmp_path / "simulation.yaml").write_text(SIMULATION)
+    simulated = simulate(read_simulation(tmp_path / "simulation.yaml"))
+    (file,) = simulated.files
+    arm = simulated.arm
+    assert isinstance(arm, ArmModel)
+    term = TrackedPoint.over(ArmPoses(arm, file.samples), Setup())
+    job = CalibrationJob.of_terms(arm, term, free=["joint_2.offset"])
+    found = solve(job.problem(), job.options()).estimates
+    for name, true in (("tilt[base_link].share", 0.1), ("tilt[column].share", 0.8)):
+        std = found[name].std
+        assert std is not None
+        assert std < 0.05
+        assert abs(found[name].value - true) < 4 * std
+    assert abs(found["joint_2.offset"].value - 0.01) < 1e-3
+
+
+SIMULATION = """\
+arm:
+  urdf: robot.urdf
+  tip: tip
+  tilt_sensors:
+    - {link: base_link, columns: [base_ax, base_ay, base_az], rotation_rpy_deg: [0, 0, 0]}
+    - {link: column, columns: [mast_ax, mast_ay, mast_az], rotation_rpy_deg: [0, 0, 0]}
+errors:
+  - {select: joint_2.offset, value_deg: 0.573}
+  - {select: "tilt[base_link].share", value: -0.4}
+  - {select: "tilt[column].share", value: 0.3}
+noise: {instrument_mm: 0.1, tilt_deg: 0.002}
+sets:
+  seen:
+    kind: tracked_point
+    samples: 80
+    lean_deg: 0.1
+    base_in_instrument: {position_mm: [4000, 0, 0]}
+"""

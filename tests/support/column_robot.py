@@ -150,7 +150,7 @@ def measured(
     up = np.array([0.0, 0.0, 1.0])
     felt_base = base.transpose(0, 2, 1) @ up
     shares = {"tilt[base_link].share": ground.base_share, "tilt[column].share": ground.column_share}
-    column = base @ plain.link_rotations("column", q, values) @ rotation_from_vector(bend)
+    column = base @ plain.link_poses("column", q, values)[0] @ rotation_from_vector(bend)
     felt_column = column.transpose(0, 2, 1) @ up
     tilt = {"tilt": np.hstack([felt_base, felt_column])}
     position = arm.forward(q, {**values, **shares}, tilt)[1]
