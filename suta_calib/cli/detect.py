@@ -35,7 +35,7 @@ from suta_calib.vision import detect as detected
 )
 @option("--camera-out CAMERA.yaml", "File for the calibrated camera.", WRITTEN)
 @option(
-    "--report DIR", "Write detect.json, detect.svg and report.html there.", Folder(), name="out"
+    "--report DIR", "Write detect.json, pictures (SVG) and report.html there.", Folder(), name="out"
 )
 @flag("--pictures", "Also write each picture, with the corners found in it.")
 def detect(

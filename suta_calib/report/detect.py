@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
+from matplotlib.colors import LogNorm
 
 from suta_calib.plotting.look import BLUE, GREY, WIDTH
 from suta_calib.report.document import Document, Figure, File, Part, Text
@@ -19,6 +20,7 @@ from suta_calib.vision import drawn
 if TYPE_CHECKING:
     from suta_calib.measurements import Camera
     from suta_calib.vision import Detection, SearchedPicture
+    from suta_calib.vision.camera_fit import CameraFit
 
 NAME: Final = "detect"
 _PIXELS: Final = frozenset({"fx", "fy", "cx", "cy"})
@@ -106,6 +108,13 @@ def detect_document(detection: Detection, *, pictures: bool = False) -> Document
             CAMERA.of(intrinsics_of(detection.camera), title),
             Figure(partial(_plot, detection), "Where corners were found, and their errors"),
         ]
+    if detection.fit is not None:
+        sure = detection.fit.projection
+        known = (
+            f"Where the camera sees a far point is known to ± {text(sure.middle, 'px')} px in the "
+            f"middle of the picture, and to ± {text(sure.worst, 'px')} px where it is worst"
+        )
+        parts += [Text(known), Figure(partial(_sure, detection.fit), "How sure the projection is")]
     if pictures:
         parts += [
             File(_file_name(v.picture.name), partial(drawn, v, detection)) for v in detection.views
@@ -121,6 +130,8 @@ def detect_document(detection: Detection, *, pictures: bool = False) -> Document
     }
     if detection.fit is not None:
         data["covered"] = detection.fit.covered
+        sure = detection.fit.projection
+        data["projection_std_px"] = {"middle": sure.middle, "worst": sure.worst}
     return Document(NAME, "Corners in pictures", detection.assessment, parts, data)
 
 
@@ -157,3 +168,30 @@ def _plot(detection: Detection) -> str:
         left.set_xlabel("along u, px")
         left.set_ylabel("along v, px")
         return svg_text(figure, NAME, "Corners in the picture, and reprojection errors")
+
+
+def _sure(fit: CameraFit) -> str:
+    """An SVG: standard deviation of the projection over the picture."""
+    sure, camera = fit.projection, fit.camera
+    with picture(f"{NAME}-sure", (WIDTH, 3.4)) as figure:
+        axes = figure.subplots()
+        shown = np.maximum(sure.std, 1e-3)
+        least = float(np.nanmin(shown))
+        # What is hardly known at all says no more by how little.
+        most = max(min(float(np.nanmax(shown)), 100.0 * least), 1.5 * least)
+        levels = np.geomspace(least, most, 9)
+        filled = axes.contourf(
+            sure.u, sure.v, shown, levels, cmap="cividis", norm=LogNorm(least, most), extend="max"
+        )
+        axes.plot(*fit.used.pixel[:: max(1, len(fit.used) // 2000)].T, ".", color="w", ms=0.6)
+        axes.set_xlim(-0.5, camera.width - 0.5)
+        axes.set_ylim(camera.height - 0.5, -0.5)
+        axes.set_aspect("equal")
+        axes.set_xlabel("u, px")
+        axes.set_ylabel("v, px")
+        ticks = levels[::2]
+        bar = figure.colorbar(filled, ax=axes, ticks=ticks, aspect=16, shrink=0.9)
+        bar.ax.set_yticklabels([f"{tick:.2g}" for tick in ticks])
+        bar.ax.minorticks_off()
+        bar.set_label("± where a far point is seen, px")
+        return svg_text(figure, f"{NAME}-sure", "Standard deviation of the projection")

@@ -26,6 +26,7 @@ from suta_calib.terms.camera_alone import PicturesSeen, State, refined, seen_by
 from suta_calib.terms.camera_start import ahead_of
 from suta_calib.terms.intrinsics import IntrinsicsPrior
 from suta_calib.vision.opencv import opencv
+from suta_calib.vision.projection_uncertainty import ProjectionMap
 
 # What a search is kept within: far wider than any lens, but for what pictures do not tell of one.
 _WIDE: Final = IntrinsicsPrior(focal=3.0, centre=1.0, radial=10.0, tangential=1.0, unbent=False)
@@ -87,6 +88,11 @@ class CameraFit(Displayable):
     used: Corners
     covered: float
     assessment: Assessment
+
+    @cached_property
+    def projection(self) -> ProjectionMap:
+        """How sure the camera's projection is, over its picture."""
+        return ProjectionMap.of(self.camera, self.used.pixel)
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,7 +9,11 @@ cv2 = pytest.importorskip("cv2")
 
 from suta_calib.arrays import FloatArray  # noqa: E402
 from suta_calib.geometry.lens import EQUIDISTANT, LENSES, PLUMB_BOB, RATIONAL, Lens  # noqa: E402
-from suta_calib.geometry.numbers import rotation_from_vector, vector_turning_z_to  # noqa: E402
+from suta_calib.geometry.numbers import (  # noqa: E402
+    register_points,
+    rotation_from_vector,
+    vector_turning_z_to,
+)
 from suta_calib.measurements import Camera, Charuco, Chessboard  # noqa: E402
 from suta_calib.measurements.board import Board  # noqa: E402
 from suta_calib.measurements.corners import Corners, corners_of  # noqa: E402
@@ -20,6 +24,7 @@ from suta_calib.vision.camera_fit import (  # noqa: E402
     view_poses,
 )
 from suta_calib.vision.detection import finder_of  # noqa: E402
+from suta_calib.vision.projection_uncertainty import projection_std  # noqa: E402
 
 BOARD = Chessboard(9, 6, 0.03)
 SIZE = (1280, 960)
@@ -144,3 +149,28 @@ def test_rendered_corners_are_found_to_a_tenth(name: str, board: Board) -> None:
     off = np.linalg.norm(found.pixel - expected, axis=1)
     assert len(off) > 0.6 * len(board.points)
     assert np.sqrt(np.mean(off**2)) < 0.1
+
+
+@pytest.mark.parametrize("name", ["plumb_bob", "fisheye of 190 deg"])
+def test_the_projection_is_as_sure_as_the_map_says(name: str) -> None:
+    """Errors of the projection after the best turn, in the middle and towards a corner."""
+    true, asked = camera(name), np.array([[640.0, 480.0], [400.0, 480.0], [300.0, 250.0]])
+    off, std = [], []
+    for seed in range(10):
+        corners = corners_seen(true, seed)
+        fit = calibrate_camera(corners, BOARD, *SIZE, CameraFitOptions(lens=true.lens))
+        std.append(projection_std(fit.camera, corners.pixel, asked))
+        seen = (each.directions(corners.pixel[::10]) for each in (true, fit.camera))
+        turn, _ = register_points(*seen)
+        off.append(fit.camera.project(true.directions(asked) @ turn.T) - asked)
+    found = np.sqrt(np.mean(np.sum(np.square(off), axis=2), axis=0))
+    # Ten trials of two coordinates: 16 %, three of them.
+    np.testing.assert_allclose(found / np.mean(std, axis=0), 1.0, atol=0.5)
+
+
+def test_the_map_ends_where_a_fisheye_sees_nothing() -> None:
+    true = camera("fisheye of 190 deg")
+    fit = calibrate_camera(corners_seen(true, 0), BOARD, *SIZE, CameraFitOptions(lens=EQUIDISTANT))
+    sure = fit.projection
+    assert np.isnan(sure.std[0, 0])
+    assert sure.middle < 0.1 < sure.worst
