@@ -38,6 +38,8 @@ _LEAST_SHARE: Final = 0.2
 _SAME_MOTION: Final = 0.7
 # Blocks of consecutive rows that are taken for independent, and those that a step is looked for in.
 _BLOCKS: Final = 24
+# Residuals of more standard deviations pull no harder (Huber).
+_HUBER: Final = 2.5
 # Motions turned by more are left out: the axis of half a turn has two directions.
 _MOST_TURN: Final = 2.6
 # Standard deviation of the shift, s, beyond which the motion does not tell it.
@@ -399,8 +401,9 @@ class _Search:
                     * np.column_stack([np.ones(int(rows.sum())), away[rows]])
                 )
                 columns -= basis @ np.linalg.lstsq(basis, columns, rcond=None)[0]
-                spread = max(float(NORMAL * np.median(np.abs(left))), _EPSILON)
-                weight = np.sqrt(1.0 / np.maximum(np.abs(left) / (2.5 * spread), 1.0)) / spread
+                # The scatter of those rows that tell the shift, not of those at rest.
+                spread = max(NORMAL * _weighted_median(np.abs(left), columns[:, 0] ** 2), _EPSILON)
+                weight = np.sqrt(1.0 / np.maximum(np.abs(left) / (_HUBER * spread), 1.0)) / spread
                 parts.append((weight * left, weight[:, None] * columns, away[rows]))
         residual, jacobian, away = (np.concatenate(part) for part in zip(*parts, strict=True))
         return residual, jacobian, away
@@ -413,7 +416,9 @@ class _Search:
         covered = self._slow.clock.time[self.clock_rows(fit)] - self.at
         edges = np.linspace(covered[0], covered[-1], _BLOCKS + 1)[1:-1]
         block = np.searchsorted(edges, away)
-        inverse = np.linalg.inv(jacobian.T @ jacobian)
+        # Beyond Huber's bound, where rows pull alike wherever they are, they tell no curvature.
+        inside = np.abs(residual) < _HUBER
+        inverse = np.linalg.inv(jacobian[inside].T @ jacobian[inside])
         scores = np.zeros((_BLOCKS, 2))
         np.add.at(scores, block, jacobian * residual[:, None])
         # A few blocks may hold most of what tells the shift: so many are worth as much as all.
@@ -510,6 +515,13 @@ def _correlation(a: FloatArray, b: FloatArray, least: float) -> FloatArray:
     correlation = shared / np.sqrt(np.maximum(power, 1e-300))
     usable = (count >= least) & (power > 1e-9 * np.nanvar(a) * np.nanvar(b))
     return np.asarray(np.where(usable, correlation, -1.0))
+
+
+def _weighted_median(values: FloatArray, weights: FloatArray) -> float:
+    """The value (n,) below which half of the weights (n,) lie."""
+    order = np.argsort(values)
+    share = np.cumsum(weights[order])
+    return float(values[order[np.searchsorted(share, 0.5 * share[-1])]])
 
 
 def _as_good(other: _Fit, best: _Fit) -> bool:
