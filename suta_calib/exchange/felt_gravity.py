@@ -112,7 +112,14 @@ class GravityLog:
             found = f"an acceleration of {usual:.2g} on average, so that gravity was taken out"
             raise ForeignFileError(found, "gravity: 1 g, or 9.81 m/s²", file=path, hint=hint)
         notes, remarks = list(clock.notes), list(clock.remarks)
-        cls._check_one_unit(path, size / usual, usual, rows if lines is None else lines, rows)
+        if (other := _row_in_another_unit(size)) is not None:
+            raise ForeignFileError(
+                f"an acceleration of {size[other]:.3g}, where most are {usual:.3g}",
+                "one unit",
+                file=path,
+                line=None if lines is None else lines[int(rows[other])],
+                hint="g and m/s² seem to be mixed; multiply those in g by 9.80665",
+            )
         unit = next((name for of, name in _UNITS if abs(usual / of - 1.0) < _NEAR), "")
         if unit:
             remarks.append(f"Gravity is about {usual:.4g}: the unit is {unit}.")
@@ -123,28 +130,6 @@ class GravityLog:
                 "the sensor is scaled right."
             )
         return cls(path, clock, felt, len(time) - len(complete), tuple(notes), tuple(remarks))
-
-    @staticmethod
-    def _check_one_unit(
-        path: Path,
-        ratio: FloatArray,
-        usual: float,
-        lines: Sequence[int] | NDArray[np.intp],
-        rows: NDArray[np.intp],
-    ) -> None:
-        for factor in (STANDARD_GRAVITY, 1.0 / STANDARD_GRAVITY):
-            others = np.flatnonzero(np.abs(ratio / factor - 1.0) < _NEAR)
-            if len(others) < max(_FEWEST, 0.005 * len(ratio)):
-                continue
-            row = int(rows[others[0]])
-            raise ForeignFileError(
-                f"an acceleration of {usual * ratio[others[0]]:.3g} in {len(others)} rows, and of "
-                f"{usual:.3g} in most others",
-                "one unit",
-                file=path,
-                line=int(lines[row]) if len(lines) > row else None,
-                hint="g and m/s² seem to be mixed; multiply those in g by 9.80665",
-            )
 
     @property
     def usual(self) -> float:
@@ -193,15 +178,13 @@ class GravityLog:
             *self.remarks,
         ]
         notes = [*self.notes, *self._doubts(found)]
-        if len(kept) < len(rests):
-            lost = [f"{k + 1}" for k in range(len(rests)) if k not in kept]
+        lost = [f"{k + 1}" for k, rest in enumerate(rests) if rest is None]
+        if lost:
             notes.append(
                 f"{len(lost)} of {len(rests)} postures were left out (row {listed(lost)}): the "
                 "phone did not rest at their times."
             )
-        return self._imported(
-            form, columns, len(lost) if len(kept) < len(rests) else 0, notes, remarks
-        )
+        return self._imported(form, columns, len(lost), notes, remarks)
 
     def _at_times(self, postures: _Postures, given: Given) -> list[Rest | None]:
         """The mean about the time of each posture; None where the sensor did not rest then."""
@@ -371,6 +354,16 @@ class _Postures:
             at = np.array([0.5 * (rest.begin + rest.end) for rest in rests])
             return cls(path, dict(zip(joints, means.T, strict=True)), at, f"{path.name} has rests")
         return cls(path, columns, Clock.in_seconds(time)[0], f"{path.name} has rows")
+
+
+def _row_in_another_unit(size: FloatArray) -> int | None:
+    """The first of several rows (n,) that are in g where most are in m/s², or vice versa."""
+    ratio = size / np.median(size)
+    for factor in (STANDARD_GRAVITY, 1.0 / STANDARD_GRAVITY):
+        others = np.flatnonzero(np.abs(ratio / factor - 1.0) < _NEAR)
+        if len(others) >= max(_FEWEST, 0.005 * len(size)):
+            return int(others[0])
+    return None
 
 
 def _means(values: FloatArray, count: int) -> FloatArray:
