@@ -11,7 +11,7 @@ from suta_calib.atomic import check_outputs
 from suta_calib.cli._formats import format_options, with_file
 from suta_calib.cli._options import PATH, WRITTEN, flag, option, optional_arm, urdf_option
 from suta_calib.cli._output import answer_command
-from suta_calib.exchange.aligned import aligned
+from suta_calib.exchange.aligned_rows import aligned
 from suta_calib.exchange.pose_table import read_without_options
 from suta_calib.exchange.reader import TABLE, import_formats, read_foreign, recognised
 from suta_calib.inputs import UrdfFile

@@ -1,3 +1,5 @@
+from .aligned_rows import AlignedRows as AlignedRows
+from .aligned_rows import aligned as aligned
 from .imported import Imported as Imported
 from .imported import ImportedFile as ImportedFile
 from .imported import ImportedRows as ImportedRows

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from suta_calib.assessment import Assessment
-from suta_calib.exchange.aligned import AlignedRows
+from suta_calib.exchange.aligned_rows import AlignedRows
 from suta_calib.exchange.imported import Imported, ImportedRows
 from suta_calib.exchange.option import Described
 from suta_calib.exchange.writer import Exported

@@ -29,7 +29,7 @@ from scipy.interpolate import PchipInterpolator
 
 from suta_calib.arrays import FloatArray
 from suta_calib.exchange import read_foreign
-from suta_calib.exchange.aligned import AlignedRows, aligned
+from suta_calib.exchange.aligned_rows import AlignedRows, aligned
 from suta_calib.exchange.clock import Between, Clock
 from suta_calib.exchange.clock_alignment import ClockAlignment, Recorded, align_clocks
 from suta_calib.exchange.tracked_bodies import Body
