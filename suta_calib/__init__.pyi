@@ -10,6 +10,8 @@ from .analysis.outliers import Outliers as Outliers
 from .analysis.outliers import find_outliers as find_outliers
 from .analysis.planning import Plan as Plan
 from .analysis.repeatability import Repeatability as Repeatability
+from .analysis.residual_map import ResidualMap as ResidualMap
+from .analysis.residual_map import residual_map as residual_map
 from .analysis.study import DriftStudy as DriftStudy
 from .analysis.study import SizeStudy as SizeStudy
 from .analysis.study import SpreadStudy as SpreadStudy

@@ -42,6 +42,7 @@ NOT_RUN = {
     "suta-calib extend": "13 s; tests/cli/test_nongeometric.py",
     "suta-calib plan": "8 s; tests/cli/test_plan.py",
     "suta-calib tip-map": "8 s; tests/tracking/test_tip_uncertainty.py",
+    "suta-calib residual-map": "13 s; tests/analysis/test_residual_map.py",
     "suta-calib calibrate examples": "tests/test_examples.py, tests/test_simulated_examples.py",
     "suta-calib observe examples": "what calibrate asks first; the same",
 }

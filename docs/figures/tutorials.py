@@ -20,7 +20,7 @@ mpl.use("Agg")
 
 from matplotlib import pyplot as plt
 
-from suta_calib import ArmModel, TrackedPoint, calibrate
+from suta_calib import ArmModel, TrackedPoint, calibrate, residual_map
 from suta_calib.cli._app import run
 from suta_calib.geometry import register_points, rotation_from_vector
 from suta_calib.measurements import write_text
@@ -65,6 +65,7 @@ def main() -> None:
         for page, (title, job) in JOBS.items():
             draw_job(page, title, ROOT / job / "calibration.yaml", scratch / page)
         draw_arrays()
+        draw_residual_map()
         stylus = scratch / "stylus.csv"
         tools = "--body", "8700340", "--reference", "8700339"
         said("import", ROOT / STYLUS, *tools, "--out", stylus)
@@ -137,6 +138,15 @@ def draw_arrays() -> None:
     after = position @ rotation_from_vector(turn).T + np.array([x, y, z]) - seen
     sizes = [mm(np.linalg.norm(each, axis=1)) for each in (before, after)]
     draw("arrays", "A measured UR5 and a laser tracker", sizes[0], sizes[1], "mm")
+
+
+def draw_residual_map() -> None:
+    """What the calibration of the measured UR5 leaves."""
+    job = ROOT / "examples/ur5_laser_tracker/calibration_eccentric.yaml"
+    left = residual_map(calibrate(job))
+    figure = plt.figure(figsize=(9.7, 8.4), layout="constrained")
+    left.plot(figure)
+    figure.savefig(FOLDER / "residual_map.png", dpi=80)
 
 
 def draw_heights(scratch: Path) -> None:

@@ -49,6 +49,7 @@ COMMANDS: Final = {
     "measure": "Record a samples file from a connected arm.",
     "plan": "Choose where to measure next, and when to stop.",
     "tip-map": "Show the uncertainty of the tip in the workspace.",
+    "residual-map": "Correct what the calibration leaves, where left-out data prove it.",
     "zero-offsets": "Find encoder offsets from known poses of the tip.",
     "repeatability": "Measure the repeatability of an arm and its encoder noise.",
     "iso10360": "Acceptance test of a measuring arm by ISO 10360-12.",

@@ -125,6 +125,8 @@ def _results(context: click.Context, parameter: click.Parameter, out: Path | Non
     """Where the answer on a job, or on a result.json, is written; each job has its own folder."""
     del parameter
     job: Path = context.params["job"]
+    if out is None and job.is_dir():
+        out = job
     if out is None:
         out = job.parent if job.suffix.lower() == ".json" else job.parent / "results"
         other_jobs = (job.parent / name for name in _jobs_of(out))

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import click
 
@@ -13,14 +12,10 @@ from suta_calib.cli._options import PATH, anyway_option, option, urdf_argument
 from suta_calib.cli._output import answer_command
 from suta_calib.errors import JobError
 from suta_calib.inputs import UrdfFile
-from suta_calib.job.calibration import CalibrationJob
 from suta_calib.report.comparison import comparison_document
 from suta_calib.report.document import Document
-from suta_calib.tracking.read_back import load_job
-from suta_calib.tracking.uncertainty import read_json_object, read_uncertainty
-
-if TYPE_CHECKING:
-    from suta_calib.job.calibration import CalibrationJob
+from suta_calib.tracking.read_back import is_result, job_of
+from suta_calib.tracking.uncertainty import read_uncertainty
 
 
 @answer_command
@@ -40,7 +35,7 @@ def validate(urdf: UrdfFile, job: Path, result: Path | None, anyway: bool) -> Do
     made with. The arm is used as it is in the URDF, without a fit. "before" is the job's URDF,
     "after" the given one.
     """
-    loaded = _job(job)
+    loaded = job_of(job)
     if not loaded.validation:
         raise JobError(
             "no validation data",
@@ -62,18 +57,5 @@ def validate(urdf: UrdfFile, job: Path, result: Path | None, anyway: bool) -> Do
     if result is None and other.urdf[1] != loaded.arm.urdf[1]:
         estimated = (p for p in loaded.parameters.values() if p.free and not p.geometric)
         compared = replace(compared, left_out=tuple(p.name for p in estimated))
-    before = Path(Path(arm.urdf).name) if _is_result(job) else Path(arm.urdf)
+    before = Path(Path(arm.urdf).name) if is_result(job) else Path(arm.urdf)
     return comparison_document(compared, before, Path(urdf))
-
-
-def _job(path: Path) -> CalibrationJob:
-    """A job, or that of a result."""
-    if _is_result(path):
-        file = path / "result.json" if path.is_dir() else path
-        return load_job(read_json_object(file), file)
-
-    return CalibrationJob.load(path)
-
-
-def _is_result(path: Path) -> bool:
-    return path.is_dir() or path.suffix.lower() == ".json"

@@ -22,7 +22,7 @@ from suta_calib.exchange.reader import TABLE, beginning, recognised
 
 _JOB: Final = (
     *("calibrate", "observe", "study", "extend", "budget", "view", "validate", "outliers"),
-    *("measure", "plan", "tip-map", "repeatability", "iso10360"),
+    *("measure", "plan", "tip-map", "residual-map", "repeatability", "iso10360"),
 )
 _URDF: Final = (
     *("init", "validate", "emulate", "track", "monitor", "measure", "zero-offsets"),
@@ -107,7 +107,7 @@ _OWN: Final = (
         ),
         "the answer of a command",
         "suta-calib export {} --list names what can be made of it",
-        ("export", "view", "validate", "track", "tip-map"),
+        ("export", "view", "validate", "track", "tip-map", "residual-map"),
     ),
     _Own(_has("landmarks"), "an artefact", _NAMED.format("artefact"), _ROWS, (ArtefactError,)),
     _Own(

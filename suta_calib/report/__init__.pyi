@@ -34,6 +34,8 @@ from .registration import register_document as register_document
 from .repeatability import repeatability_document as repeatability_document
 from .repeatability_plots import stationary_plot as stationary_plot
 from .repeatability_plots import visits_plot as visits_plot
+from .residual_map import residual_map_document as residual_map_document
+from .residual_map import residual_map_plot as residual_map_plot
 from .stereotactic import stereotactic_document as stereotactic_document
 from .stereotactic import stereotactic_plot as stereotactic_plot
 from .study import size_plot as size_plot

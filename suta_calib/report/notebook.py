@@ -12,6 +12,7 @@ from typing import Any, Final
 
 from suta_calib.analysis.outliers import Outliers
 from suta_calib.analysis.planning import Plan
+from suta_calib.analysis.residual_map import ResidualMap
 from suta_calib.analysis.tip_map import TipMap
 from suta_calib.atomic import write_bytes_atomically
 from suta_calib.display import Displayable as ShowsItself
@@ -33,6 +34,7 @@ from suta_calib.report.page import environment, page_with
 from suta_calib.report.pivot import places_table
 from suta_calib.report.plan import plan_document
 from suta_calib.report.registration import transform_table
+from suta_calib.report.residual_map import residual_map_document
 from suta_calib.report.tip_map import tip_map_document
 from suta_calib.solver.solution import Solution
 from suta_calib.trust.calibration_examination import CalibrationExamination
@@ -111,6 +113,7 @@ PARTS: Final[dict[type, Callable[[Any], Sequence[Shown]]]] = {
     Observability: lambda shown: observability_document(shown).shown("console"),
     Outliers: lambda shown: outliers_document(shown).shown("console"),
     Plan: lambda shown: plan_document(shown).shown("console"),
+    ResidualMap: lambda shown: residual_map_document(shown).shown("console"),
     TipMap: lambda shown: tip_map_document(shown).shown("console"),
 }
 

@@ -64,6 +64,23 @@ def read_calibrated(path: Path, *, anyway: bool = False) -> Calibrated:
     )
 
 
+def is_result(path: Path) -> bool:
+    """Whether a path is that of a result, or of its folder, and not of a job."""
+    return path.is_dir() or path.suffix.lower() == ".json"
+
+
+def job_of(path: Path) -> CalibrationJob:
+    """A job, or that of a result.
+
+    Raises:
+        InputError: it cannot be read, or as of `load_job`.
+    """
+    if not is_result(path):
+        return CalibrationJob.load(path)
+    file = path / "result.json" if path.is_dir() else path
+    return load_job(read_json_object(file), file)
+
+
 def load_job(data: Mapping[str, Any], file: Path) -> CalibrationJob:
     """The job of a result with all it was made of, by the name that it had when it ran.
 

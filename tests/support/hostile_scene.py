@@ -126,6 +126,7 @@ GIVEN = {
     ),
     "plan": Given((JOB, "-n", "1", "--tilt", "0"), _OF_JOB, "--out"),
     "tip-map": Given((JOB, *BOX, "--anyway"), _OF_JOB, "--out"),
+    "residual-map": Given((JOB, "--anyway"), _OF_JOB, "--out"),
     "zero-offsets": Given(
         (*_OF_ARM, "--readings", "known.csv"),
         (URDF, "known.csv"),

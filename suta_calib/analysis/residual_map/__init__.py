@@ -1,0 +1,8 @@
+"""What is left of the tip's error after a calibration, as a function of posture.
+
+Names are imported when they are first used.
+"""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
