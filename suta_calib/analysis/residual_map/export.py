@@ -157,9 +157,9 @@ def _spread_out(rows: FloatArray) -> list[int]:
 def python_text(record: Mapping[str, Any]) -> str:
     """A Python module that corrects readings, or the tip, without this package."""
     before, after = (1e3 * rms for rms in record["left_out_rms_m"])
-    robot = str(record["robot"]).encode("unicode_escape").decode().replace('"', "'")
+    robot = _plain(record["robot"])
     if record["sort"] == "joints":
-        joint = record["curves"][0]["joint"]
+        joint = _plain(record["curves"][0]["joint"])
         about = f"What each joint of {robot} turns more than it says, after its calibration."
         usage = (
             f'    q = corrected_readings({{"{joint}": 0.1, ...}})   # then the calibrated arm\n'
@@ -178,7 +178,7 @@ def python_text(record: Mapping[str, Any]) -> str:
             imports="from bisect import bisect_right\n",
         )
         return head + constants + _JOINTS
-    joint = record["joints"][0]
+    joint = _plain(record["joints"][0])
     usage = (
         f'    dx, dy, dz = tip_correction({{"{joint}": 0.1, ...}})   # m, in the base\n'
         f'    plus_minus = std({{"{joint}": 0.1, ...}})'
@@ -216,6 +216,11 @@ def table_text(record: Mapping[str, Any]) -> str:
     for row in np.hstack([postures, moved, std[:, None]]):
         writer.writerow([f"{value:.9g}" for value in row])
     return stream.getvalue()
+
+
+def _plain(name: Any) -> str:
+    """A name as it may stand in a docstring, whatever is in it."""
+    return str(name).encode("unicode_escape").decode().replace('"', "'").replace("\\", "/")
 
 
 def _literal(value: Any) -> str:

@@ -135,10 +135,9 @@ def fitted_residuals(
         kinds = ", ".join(dict.fromkeys(term.kind for term in terms))
         raise SamplesError(
             f"no observation that gives the position of the tip in all directions ({kinds})",
-            "tracked_point, landmark, fixed_point or hand_eye",
+            "an instrument that measures the tip, or touches of certified or fixed points",
             where="observations",
-            hint="a residual map needs the error of the tip as a vector; measure the tip with an "
-            "external instrument, or touch one point from many directions",
+            hint="a residual map needs the error of the tip as a vector",
         )
     if len(residuals) < FEWEST:
         raise SamplesError(

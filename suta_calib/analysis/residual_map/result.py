@@ -19,6 +19,7 @@ from suta_calib.errors import ParameterError, SamplesError
 from suta_calib.model.arm import ArmModel
 from suta_calib.trust.accuracy import Metrics
 from suta_calib.units import Unit, text
+from suta_calib.words import listed
 
 # Chance that a map of pure noise passes one test.
 LEVEL: Final = 0.01
@@ -342,6 +343,13 @@ class ResidualMap(Displayable):
             "A URDF cannot hold this map. calibrated.urdf and the other commands work without it; "
             "apply it with residual_map.py."
         )
+        offered = self.arm.nongeometric
+        beside = [n for n, v in self.values.items() if n in offered and v != offered[n].nominal]
+        if beside:
+            facts.append(
+                f"A URDF cannot hold {listed(beside, 3)} either, and the map is what is left after "
+                "them. Without them in the job, the map describes their effect as well."
+            )
         return Assessment.of(sentence, facts=[*facts, *self._gross()])
 
     def _nothing(self) -> str:
