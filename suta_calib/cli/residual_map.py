@@ -36,6 +36,8 @@ def residual_map(job: Path, chain: str, anyway: bool, seed: int) -> Document:
     """
     require("sklearn", EXTRA)
     loaded = job_of(job)
+    # Refused before anything is solved.
+    _ = loaded.arm.chosen(chain)
     options = ResidualMapOptions(seed, chain, anyway)
     with LateProgress("calibrating") as progress:
         calibration = loaded.run(progress, progress.about)

@@ -100,7 +100,7 @@ def test_the_whole_robot_is_looked_at(job: Path) -> None:
     assert {"torso_1.offset", "left_1.offset", "right_1.offset"} <= {*names}
 
 
-@pytest.mark.parametrize("command", ["plan", "tip-map", "iso10360"])
+@pytest.mark.parametrize("command", ["plan", "tip-map", "residual-map", "iso10360"])
 def test_a_command_about_one_tip_asks_which(job: Path, command: str) -> None:
     assert "several chains; expected the name of one of left, right" in refused(command, job)
     assert "the chain 'middle'" in refused(command, job, "--chain", "middle")
@@ -109,6 +109,13 @@ def test_a_command_about_one_tip_asks_which(job: Path, command: str) -> None:
 def test_one_chain_is_mapped(job: Path) -> None:
     mapped = answer("tip-map", job, "--chain", "left", "--grid", 5)
     assert mapped
+
+
+def test_what_one_chain_leaves(job: Path, tmp_path: Path) -> None:
+    left = answer("residual-map", job, "--chain", "right", "--out", tmp_path)
+    assert left["rows"] == 60
+    assert not left["used"]
+    assert {rows["name"] for rows in left["validation"]} == {"right_held/*.csv"}
 
 
 def test_it_is_seen_as_a_whole(job: Path, tmp_path: Path) -> None:

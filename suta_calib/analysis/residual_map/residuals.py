@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Final
 
 import numpy as np
@@ -123,7 +124,11 @@ def block_count(rows: int) -> int:
 
 
 def fitted_residuals(
-    terms: Sequence[Term], arm: ArmModel, values: Mapping[str, float], seed: int
+    terms: Sequence[Term],
+    arm: ArmModel,
+    values: Mapping[str, float],
+    seed: int = 0,
+    file: Path | None = None,
 ) -> TipResiduals:
     """The same of fitted terms.
 
@@ -136,6 +141,7 @@ def fitted_residuals(
         raise SamplesError(
             f"no observation that gives the position of the tip in all directions ({kinds})",
             "an instrument that measures the tip, or touches of certified or fixed points",
+            file=file,
             where="observations",
             hint="a residual map needs the error of the tip as a vector",
         )
@@ -143,6 +149,7 @@ def fitted_residuals(
         raise SamplesError(
             f"{len(residuals)} rows with the position of the tip",
             f"at least {FEWEST}",
+            file=file,
             where="observations",
             hint="with fewer rows, left-out blocks cannot prove that a residual map is right; "
             "measure more postures",

@@ -98,9 +98,10 @@ def residual_map(
             file=file,
         )
     refuse_unusable(calibration.assessment, file, anyway=options.anyway)
-    arm = calibration.job.arm.chosen(options.chain)
+    robot = solution.problem.arm or calibration.job.arm
+    arm = robot.chosen(options.chain)
     job, seed = calibration.job, options.seed
-    residuals = fitted_residuals(job.observations, arm, solution.values, seed)
+    residuals = fitted_residuals(job.observations, arm, solution.values, seed, file)
     held_out = dict[str, TipResiduals]()
     for term, row in zip(job.validation, job.spec.validation, strict=True):
         left = tip_residuals([term], arm, calibration.accuracy.held_out_values, seed)
