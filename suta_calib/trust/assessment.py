@@ -10,6 +10,7 @@ from suta_calib.arrays import FloatArray
 from suta_calib.assessment import Assessment, Level, attempt, judge
 from suta_calib.geometry.numbers import register_points, rms_length
 from suta_calib.model.robot import AnyArm
+from suta_calib.model.tilt import is_share
 from suta_calib.solver.solution import Solution
 from suta_calib.terms import ArmPoses, Term
 from suta_calib.trust.accuracy import Accuracy
@@ -158,7 +159,9 @@ def _on_parameters(examined: CalibrationExamination) -> list[str]:
         f"{_at_stake(solution, held)} To determine more: {remedy}."
         for (reason, remedy), held in by_remedy.items()
     ]
-    if bounded := [n for n, e in solution.arm_estimates.items() if e.state == "at_bound"]:
+    ended = [n for n, e in solution.arm_estimates.items() if e.state == "at_bound"]
+    # A link may well turn where it begins, or where it ends.
+    if bounded := [name for name in ended if not is_share(name)]:
         notes.append(
             f"{listed(bounded)} ended at a bound. Look for a wrong unit or a wrong artefact; if "
             "there is none, widen the bound."

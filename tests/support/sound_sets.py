@@ -22,7 +22,15 @@ from simulated import (
 )
 from terms_cases import given_as_it_is, scene
 
-from suta_calib import ParameterSet, Problem, Selection, Solution, SolverOptions, solve
+from suta_calib import (
+    ParameterSet,
+    Problem,
+    Selection,
+    Solution,
+    SolverOptions,
+    TiltSensor,
+    solve,
+)
 from suta_calib.geometry.numbers import rotation_from_vector
 from suta_calib.measurements import Artefact, Samples
 from suta_calib.pose_calibration.hand_eye import calibrate_hand_eye
@@ -41,6 +49,7 @@ from suta_calib.terms import (
 from suta_calib.terms.synthetic import PoseNoise
 from suta_calib.trust import Examination
 from suta_calib.trust.calibration_examination import CalibrationExamination
+from suta_calib.trust.hypotheses.leaning_link import LeaningLink
 from suta_calib.trust.rereading import shifted_parameters
 
 ARM = arm_named("ur5")
@@ -169,6 +178,21 @@ PAIRS = Sound(
     HandEye.simulate(40).truth,
 )
 BOARD = of_scene(camera_scene(ARM, TRUTH, 20), UNKNOWN)
+SENSOR = TiltSensor("base_link", ("ax", "ay", "az"))
+FELT = ARM.with_tilt_sensors([SENSOR])
+
+
+def leaning(seed: int) -> Term:
+    """The tracked arm on a base that leans, as its sensor feels."""
+    sound = LeaningLink().spoil(TRACKED.make(seed), TRUTH, np.random.default_rng(seed)).data
+    return sound.over_poses(ArmPoses(FELT, sound.poses.samples))
+
+
+LEANING = Sound(
+    leaning,
+    TRUTH,
+    FELT.select("geometric", Selection("*.offset", bound_rad=0.2), *SENSOR.selections),
+)
 
 SORTS: dict[str, Sound] = {
     "tracked": TRACKED,
@@ -183,6 +207,7 @@ SORTS: dict[str, Sound] = {
     "robust": ROBUST,
     "surveyed": SURVEYED,
     "bounded": BOUNDED,
+    "leaning": LEANING,
 }
 # Sorts of data that can have the fault, by the hypothesis's name, where a tracked arm cannot.
 SCENES: dict[str, tuple[str, ...]] = {
@@ -203,6 +228,7 @@ SCENES: dict[str, tuple[str, ...]] = {
     "misread observations": ("board",),
     "unit of a length": ("bounded",),
     "unknown mount": ("bounded",),
+    "misread tilt sensor": ("leaning",),
     "transposed rotations": ("pairs",),
 }
 

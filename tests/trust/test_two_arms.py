@@ -50,6 +50,7 @@ OTHER_DATA = {
     "mirrored artefact",
     "mirrored survey",
     "misread observations",
+    "misread tilt sensor",
     "stretched body",
     "unit of a length",
     "unit of positions",
