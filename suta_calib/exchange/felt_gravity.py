@@ -156,12 +156,7 @@ class GravityLog:
             ForeignFileError: no rests, or not as many as postures.
         """
         postures = _Postures.read(Path(given.text(POSTURES)), given)
-        inside = np.zeros(0, dtype=bool)
-        if postures.time is not None:
-            clock = self.clock.time
-            inside = (postures.time >= clock[0] - 1.0) & (postures.time <= clock[-1] + 1.0)
-        by_time = inside.size > 0 and inside.mean() >= 0.5
-        rests = (self._at_times if by_time else self._in_order)(postures, given)
+        rests, how = self._matched(postures, given)
         kept = [k for k, rest in enumerate(rests) if rest is not None]
         found = [rest for rest in rests if rest is not None]
         means = np.array([rest.angles for rest in found]) * self.usual
@@ -170,7 +165,6 @@ class GravityLog:
         columns |= _columns(means)
         columns["std_deg"] = deg(scatter)
         columns["time"] = np.array([rest.end for rest in found])
-        how = "by their times" if by_time else "in order"
         remarks = [
             f"{len(found)} rests, matched with {postures.path.name} {how}. Each row is the mean of "
             f"a rest; the direction of one reading scatters by {deg(np.median(scatter)):.2g}° "
@@ -186,16 +180,37 @@ class GravityLog:
             )
         return self._imported(form, columns, len(lost), notes, remarks)
 
-    def _at_times(self, postures: _Postures, given: Given) -> list[Rest | None]:
-        """The mean about the time of each posture; None where the sensor did not rest then."""
-        assert postures.time is not None
+    def _matched(self, postures: _Postures, given: Given) -> tuple[list[Rest | None], str]:
+        """The rest of each posture, and how they were matched.
+
+        In order, where there are as many and times, if any, agree but for one shift of the clocks.
+        Else by time, where the times are those of the log.
+        """
+        rests, at = self.rests(shortest_rest(given)), postures.time
+        count = len(next(iter(postures.columns.values())))
+        if len(rests) == count and (at is None or _run_alike(at, rests)):
+            return [*rests], "in order"
+        begin, end = self.clock.time[0], self.clock.time[-1]
+        if at is not None and np.mean((at >= begin) & (at <= end)) >= 0.5:
+            return self._at_times(at, postures, given), "by their times"
+        if len(rests) == count:
+            raise ForeignFileError(
+                f"as many rests as {postures.what}, but at other intervals than its times tell",
+                "the same intervals",
+                file=self.path,
+                hint="delete the rows and cut the log where the two differ",
+            )
+        raise self._other_count(rests, count, postures)
+
+    def _at_times(self, at: FloatArray, postures: _Postures, given: Given) -> list[Rest | None]:
+        """The mean about each time; None where the sensor did not rest then."""
         half = 0.5 * shortest_rest(given)
-        rests = [self._rest(at - half, at + half) for at in postures.time.tolist()]
+        rests = [self._rest(middle - half, middle + half) for middle in at.tolist()]
         if (count := sum(rest is not None for rest in rests)) < max(1, len(rests) // 2):
             raise ForeignFileError(
                 f"{count} of {len(rests)} postures of {postures.path.name} at whose times the "
                 "sensor rested",
-                "most of them",
+                "most of them, or as many rests as postures",
                 file=self.path,
                 hint="do both clocks agree? Without a column 'time' in the postures, rests are "
                 "taken in order",
@@ -264,12 +279,8 @@ class GravityLog:
         mean = average(felt)
         return Rest(mean.angles, begin, end, mean.std)
 
-    def _in_order(self, postures: _Postures, given: Given) -> list[Rest | None]:
-        """The rests of the log, as many as there are postures."""
-        rests = self.rests(shortest_rest(given))
-        count = len(next(iter(postures.columns.values())))
-        if len(rests) == count:
-            return [*rests]
+    def _other_count(self, rests: Sequence[Rest], count: int, postures: _Postures) -> Exception:
+        """Error that there are not as many rests as postures, to be raised by the caller."""
         begin = self.clock.time[0]
         at = listed([f"{rest.begin - begin:.1f}" for rest in rests], 40)
         alike = [
@@ -280,7 +291,7 @@ class GravityLog:
         hint = f"choose the shortest rest with {SECONDS.switch} N, or correct the postures"
         if alike:
             hint += f"; no change of direction between {listed(alike)}: was the phone touched?"
-        raise ForeignFileError(
+        return ForeignFileError(
             f"{len(rests)} rests in the log, {at} s after its beginning",
             f"{count}, as many as {postures.what}",
             file=self.path,
@@ -354,6 +365,16 @@ class _Postures:
             at = np.array([0.5 * (rest.begin + rest.end) for rest in rests])
             return cls(path, dict(zip(joints, means.T, strict=True)), at, f"{path.name} has rests")
         return cls(path, columns, Clock.in_seconds(time)[0], f"{path.name} has rows")
+
+
+def _run_alike(time: FloatArray, rests: Sequence[Rest]) -> bool:
+    """Whether times (n,) and n rests differ by one shift, but for less than half an interval."""
+    begin = np.array([rest.begin for rest in rests])
+    if len(begin) < 2:
+        return True
+    apart = time - begin
+    most = 0.4 * float(np.median(np.diff(begin)))
+    return bool(np.abs(apart - np.median(apart)).max() < most)
 
 
 def _row_in_another_unit(size: FloatArray) -> int | None:

@@ -153,12 +153,22 @@ def test_rests_by_time(tmp_path: Path) -> None:
     assert rows.columns["joint_1"] == pytest.approx(q[kept, 0])
     assert (rows.dropped, rows.assessment.level) == (1, "care")
     assert "1 of 6 postures were left out (row 3)" in rows.notes[-1]
-    late, _ = postures(tmp_path / "late.csv", len(UP), BEGIN + middles(UP) + 1.5)
-    with pytest.raises(InputError, match=r"of 6 postures of late.csv.*do both clocks agree"):
+    late, _ = postures(tmp_path / "late.csv", 5, (BEGIN + middles(UP) + 1.5)[:5])
+    with pytest.raises(InputError, match=r"of 5 postures of late.csv.*do both clocks agree"):
         imported(path, postures=str(late))
-    # A clock of its own: in order.
-    other, _ = postures(tmp_path / "other.csv", len(UP), middles(UP))
-    check(imported(path, postures=str(other)), UP)
+
+
+@pytest.mark.parametrize("shift", [0.0, 1.5, 3.0, -1.7e9])
+def test_a_clock_of_their_own_does_not_mix_up_rests(shift: float, tmp_path: Path) -> None:
+    """As many rests as postures, at the same intervals: in order, whatever the clocks say."""
+    path = sensor_logger(tmp_path / "log.csv", TIME, FELT)
+    file, _ = postures(tmp_path / "postures.csv", len(UP), BEGIN + middles(UP) + shift)
+    rows = imported(path, postures=str(file))
+    check(rows, UP)
+    assert "in order" in rows.remarks[0]
+    other, _ = postures(tmp_path / "other.csv", len(UP), 1e3 + middles(UP) ** 1.5)
+    with pytest.raises(InputError, match="at other intervals than its times tell"):
+        imported(path, postures=str(other))
 
 
 def test_a_recording_of_the_joints(tmp_path: Path) -> None:

@@ -25,7 +25,7 @@ from recorded_motions import (
     steady_motion,
     two_recordings,
 )
-from scipy.interpolate import PchipInterpolator
+from scipy.interpolate import CubicSpline, PchipInterpolator
 
 from suta_calib.arrays import FloatArray
 from suta_calib.exchange import read_foreign
@@ -136,6 +136,26 @@ def test_an_arm_that_stops_and_goes_before_a_camera_that_loses_its_target() -> N
         assert found.worst_std < 1e-3
     assert np.abs(ratios).max() < 4.0
     assert 0.4 < np.sqrt(np.mean(np.square(ratios))) < 1.8
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+def test_an_arm_need_not_be_calibrated(seed: int, suta_urdf: Path) -> None:
+    """Offsets of 3° that the URDF does not know: some ms, which the ± include."""
+    arm, rng = ArmModel.from_urdf(suta_urdf, "tip"), np.random.default_rng(seed)
+    truth = {f"{name}.offset": np.deg2rad(3.0) * rng.normal() for name in arm.joints}
+    knots = rng.normal(size=(60, len(arm.joints))) * 0.4
+    path = CubicSpline(np.arange(60.0) - 5.0, knots)
+
+    def tip(at: FloatArray, values: dict[str, float]) -> Body:
+        rotation, position = arm.forward(path(at), values)
+        return Body(position, rotation)
+
+    hand = recorded(lambda t: tip(t, {}), np.arange(0.0, 40.0, 0.02), seed)
+    target = seen(lambda t: tip(t, truth), np.arange(1.0, 38.0, 0.033), seed)
+    found = clocks(hand, target)
+    off = found.shift - found.at * DRIFT - SHIFT
+    assert abs(off) < min(4.0 * found.shift_std, 4e-3)
+    assert found.shift_std < 3e-3
 
 
 def test_readings_of_joints_become_samples(tmp_path: Path, suta_urdf: Path) -> None:
