@@ -54,8 +54,9 @@ _FAULTS_HELP: Final = _EPILOG + "\n\b\n" + "\n".join(f"{k:<20} {v}" for k, v in 
 )
 @option(
     "--motion",
-    "Motion without a script: rest (default), pivot about a point, or swing every joint.",
-    click.Choice(["still", "pivot", "trajectory"]),
+    "Motion without a script: rest (default), pivot about a point, swing every joint, or sweep as "
+    "by hand with the tip in a socket or on a plate.",
+    click.Choice(["still", "pivot", "trajectory", "socket", "plate"]),
 )
 @option("--set", "Name of the simulation's set; default: the first.", name="set_name")
 @option(
@@ -67,7 +68,8 @@ _FAULTS_HELP: Final = _EPILOG + "\n\b\n" + "\n".join(f"{k:<20} {v}" for k, v in 
 )
 @option(
     "--point F1=x,y,z",
-    "A fixed point in mm, to be touched (with a script) or pivoted about.",
+    "A fixed point in mm, to be touched (with a script), pivoted about or swept on. Of a plate: "
+    "its middle; with roll,pitch,yaw its z axis is square to it.",
     name="points",
     multiple=True,
 )
@@ -92,7 +94,8 @@ _FAULTS_HELP: Final = _EPILOG + "\n\b\n" + "\n".join(f"{k:<20} {v}" for k, v in 
     (POSITIVE, POSITIVE),
     (0.05, 0.5),
 )
-@option("--duration", "Duration of the swings, in s.", POSITIVE, 60.0)
+@option("--size-mm", "Edge of the square on a plate that is swept.", POSITIVE, 150.0)
+@option("--duration", "Duration of the swings, or of the sweep, in s.", POSITIVE, 60.0)
 @option("--csv", "A trajectory: columns time (s) and every joint (rad).", PATH)
 # What is true, and what is read.
 @option("--truth", "True parameters: a truth.yaml, or the errors of a simulation.yaml.", PATH)
@@ -152,6 +155,7 @@ def emulate(**options: Any) -> None:
         seating=None if seating is None else from_mm(seating),
         cone=from_deg(options.pop("cone")),
         amplitude=from_deg(options.pop("amplitude")),
+        size=from_mm(options.pop("size_mm")),
         encoder=from_deg(options.pop("encoder_deg")),
         signs=_signs(options.pop("signs")),
         faults=Faults.parse(",".join(options.pop("faults"))),

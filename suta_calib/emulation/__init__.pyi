@@ -1,3 +1,5 @@
+from .by_hand import HandSweep as HandSweep
+from .by_hand import swept_by_hand as swept_by_hand
 from .emulated import EmulatedDevice as EmulatedDevice
 from .emulated import EmulationOptions as EmulationOptions
 from .emulated import PlayOptions as PlayOptions
@@ -6,6 +8,8 @@ from .emulated_arm import EmulatedArm as EmulatedArm
 from .faults import Faults as Faults
 from .faults import Flag as Flag
 from .faults import Gap as Gap
+from .faults import PlaceSlip as PlaceSlip
+from .faults import TipLift as TipLift
 from .faults import Window as Window
 from .motion import Curve as Curve
 from .motion import Motion as Motion

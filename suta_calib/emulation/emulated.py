@@ -6,11 +6,12 @@ import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Literal
+from typing import Final, Literal
 
 import numpy as np
 
 from suta_calib.display import Displayable
+from suta_calib.emulation.by_hand import HandSweep, swept_by_hand
 from suta_calib.emulation.faults import Faults
 from suta_calib.emulation.motion import Motion, Still, Stops
 from suta_calib.emulation.player import Played, Player
@@ -43,6 +44,8 @@ from suta_calib.simulation import NoiseLevels, PoseSpec, SetSpec, SimulationSpec
 from suta_calib.simulation.schema import PostureRow
 from suta_calib.units import from_deg
 
+# Motions with the tip on a place, as a hand makes them.
+_BY_HAND: Final = ("socket", "plate")
 # A place by its label: where it is, or None for where a simulation or a search puts it.
 Places = Mapping[str, PoseSpec | None]
 
@@ -56,7 +59,8 @@ class EmulationOptions(Displayable):
         tip, base: ends of its chain; those of the script by default.
         rate: frames per second, Hz.
         script: a calibration.yaml or simulation.yaml whose landmarks or points are rested on.
-        motion: without a script: ``still``, ``pivot`` or ``trajectory``.
+        motion: without a script: ``still``, ``pivot`` or ``trajectory``; ``socket`` or ``plate``:
+            swept by hand with the tip in a socket or on a plate.
         set_name: which set of a simulation; the first by default.
         placements: where the artefact stands, by label.
         points: fixed points by label: to be touched (script) or pivoted on.
@@ -71,7 +75,8 @@ class EmulationOptions(Displayable):
         period: of a pivoting, s.
         amplitude: of swings, rad.
         frequency: of swings at the start and at the end, Hz.
-        duration: of the swings, s.
+        size: edge of the square on the plate, m.
+        duration: of the swings, or of the sweep, s.
         chain: of several chains of the script's robot the one that is emulated.
         csv: a trajectory: time (s) and every joint (rad).
         truth: true parameters: a truth.yaml, or a simulation.yaml for its errors.
@@ -87,7 +92,7 @@ class EmulationOptions(Displayable):
     base: str | None = None
     rate: float = 768.0
     script: Path | None = None
-    motion: Literal["still", "pivot", "trajectory"] | None = None
+    motion: Literal["still", "pivot", "trajectory", "socket", "plate"] | None = None
     set_name: str | None = None
     placements: Places = field(default_factory=dict)
     points: Places = field(default_factory=dict)
@@ -101,6 +106,7 @@ class EmulationOptions(Displayable):
     period: float = 40.0
     amplitude: float = from_deg(20.0)
     frequency: tuple[float, float] = (0.05, 0.5)
+    size: float = 0.15
     duration: float = 60.0
     chain: str = ""
     csv: Path | None = None
@@ -228,8 +234,12 @@ def emulated_device(options: EmulationOptions) -> EmulatedDevice:
         raise InputError(
             "--placement without --script", "--script, the job whose artefact is placed there"
         )
-    if options.script is None and options.points and options.motion != "pivot":
-        raise InputError("--point without --script", "--script, or --motion pivot")
+    if options.script is None and options.points and options.motion not in ("pivot", *_BY_HAND):
+        expected = f"--script, or --motion {' or '.join(('pivot', *_BY_HAND))}"
+        raise InputError("--point without --script", expected)
+    if (options.faults.lifts or options.faults.slips) and options.motion not in _BY_HAND:
+        expected = f"--motion {' or '.join(_BY_HAND)}"
+        raise InputError("a tip that lifts or a place that slips", expected, where="--faults")
     script = None if options.script is None else read_script(options.script)
     tip, base = options.tip, options.base
     if tip is None:
@@ -375,15 +385,34 @@ def _free_motion(options: EmulationOptions, arm: ArmModel, values: dict[str, flo
     if options.csv is not None:
         return recorded(options.csv, arm)
     posture = posture_of(arm, parse_posture(arm, options.posture))
-    if options.motion == "pivot":
-        points = [pose.position for pose in _places(options.points, {}, "--point").values()]
-        if len(points) > 1:
-            raise InputError(f"{len(points)} points", "one to pivot on", where="--point")
+    if options.motion in ("pivot", *_BY_HAND):
+        places = [*_places(options.points, {}, "--point").values()]
+        if len(places) > 1:
+            raise InputError(f"{len(places)} points", "one to pivot on", where="--point")
+        point = np.array(places[0].position) if places else None
+        begin = posture if options.posture else None
+        if options.motion in _BY_HAND:
+            how = HandSweep(
+                cone=options.cone,
+                size=options.size if options.motion == "plate" else 0.0,
+                duration=options.duration,
+                seating=SEATING.seating if options.seating is None else options.seating,
+                lifts=options.faults.lifts,
+                slips=options.faults.slips,
+            )
+            upright = places[0].rotation if places else None
+            return swept_by_hand(
+                *(arm, values, how),
+                posture=begin,
+                point=point,
+                upright=upright,
+                seed=options.seed,
+            )
         return pivoting(
             arm,
             values,
-            np.array(points[0]) if points else None,
-            posture=posture if options.posture else None,
+            point,
+            posture=begin,
             cone=options.cone,
             period=options.period,
             seed=options.seed,

@@ -12,6 +12,7 @@ import numpy as np
 
 from suta_calib.display import Displayable
 from suta_calib.errors import InputError, did_you_mean
+from suta_calib.units import from_mm
 
 WORDS: Final = {
     "corrupt=SHARE": "this share of all bytes is replaced by random ones",
@@ -29,6 +30,8 @@ WORDS: Final = {
     "error=JOINT:S@T": "the encoder of this joint sets its error flag for S seconds, from time T",
     "warning=JOINT:S@T": "the encoder of this joint sets its warning flag for S seconds, from "
     "time T",
+    "lift=MM:S@T": "the tip is MM off its place for S seconds, from T on (motion socket or plate)",
+    "slip=MM@T": "the socket, or the plate, moves by MM at time T (motion socket or plate)",
 }
 _FORMS: Final = {word.partition("=")[0]: word for word in WORDS}
 
@@ -67,6 +70,22 @@ class Gap:
 
 
 @dataclass(frozen=True)
+class TipLift(Displayable):
+    """The tip is off its place by a distance, m, while."""
+
+    distance: float
+    window: Window
+
+
+@dataclass(frozen=True)
+class PlaceSlip(Displayable):
+    """What the tip is on moves by a distance, m, at a time, s."""
+
+    distance: float
+    start: float
+
+
+@dataclass(frozen=True)
 class Faults(Displayable):
     """Everything that goes wrong; nothing by default. Times are s after the port was first opened.
 
@@ -76,6 +95,7 @@ class Faults(Displayable):
         stale: number of old frames.
         gaps, bursts, stalls, holds, disconnects, reboots: when.
         errors, warnings: flags by joint.
+        lifts, slips: what happens to the tip of an arm that is swept by hand.
     """
 
     corrupt: float = 0.0
@@ -91,6 +111,8 @@ class Faults(Displayable):
     reboots: tuple[Window, ...] = ()
     errors: tuple[Flag, ...] = ()
     warnings: tuple[Flag, ...] = ()
+    lifts: tuple[TipLift, ...] = ()
+    slips: tuple[PlaceSlip, ...] = ()
 
     @property
     def absences(self) -> tuple[Window, ...]:
@@ -157,12 +179,17 @@ def _parsed(faults: Faults, item: str, name: str, value: str) -> dict[str, Any]:
         return {"stale": number(value, int)}
     first, _, time = value.rpartition("@")
     start, field = number(time), f"{name}s"
-    fault: Gap | Flag | Window
+    fault: Gap | Flag | Window | TipLift | PlaceSlip
     if name == "gap":
         fault = Gap(number(first, int), start)
     elif name in ("error", "warning"):
         joint, _, duration = first.rpartition(":")
         fault = Flag(joint, Window(start, number(duration)))
+    elif name == "lift":
+        distance, _, duration = first.rpartition(":")
+        fault = TipLift(from_mm(number(distance)), Window(start, number(duration)))
+    elif name == "slip":
+        fault = PlaceSlip(from_mm(number(first)), start)
     else:
         fault = Window(start, number(first))
     return {field: (*getattr(faults, field), fault)}

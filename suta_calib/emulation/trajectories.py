@@ -134,16 +134,7 @@ def pivoting(
     Raises:
         JobError: too few joints to tilt the tool, or the point or a tilt is out of reach.
     """
-    fewest_joints = 5
-    joints = len(arm.joints)
-    if joints < fewest_joints:
-        raise JobError(
-            f"an arm with {joints} joints",
-            f"at least {fewest_joints} joints: with fewer, the tool cannot be tilted about a point",
-            file=arm.chain.path,
-            where="pivot",
-        )
-    matching: Matching = "axis" if joints == fewest_joints else "pose"
+    matching, joints = matching_of(arm), len(arm.joints)
     kinematics, rng = InverseKinematics(arm, values), stream(seed, "pivot")
     tilts = rotation_from_vector(_tilts(cone))
 
@@ -153,14 +144,14 @@ def pivoting(
             return start
         rotation, _ = arm.forward(start, values)
         position = np.asarray(point, dtype=float)
-        return _reached(kinematics, position, rotation, "position", start, rng)
+        return reached(kinematics, position, rotation, "position", start, rng)
 
     def tilted(start: FloatArray, tilts: FloatArray) -> FloatArray:
         """(n, joints) postures with the tip where it is, tilted from the first posture's."""
         rotation, position = arm.forward(start, values)
         knots = np.empty((len(tilts), joints))
         for k, tilt in enumerate(tilts):
-            start = _reached(kinematics, position, rotation @ tilt, matching, start, rng)
+            start = reached(kinematics, position, rotation @ tilt, matching, start, rng)
             knots[k] = start
         return knots
 
@@ -194,7 +185,21 @@ def _tilts(cone: float) -> FloatArray:
     return np.asarray(cone * figure * np.array([math.sqrt(0.5), math.sqrt(0.5), 0.5]), dtype=float)
 
 
-def _reached(
+def matching_of(arm: ArmModel) -> Matching:
+    """What of the tool's orientation an arm can match; of fewer than five joints a JobError."""
+    fewest_joints = 5
+    joints = len(arm.joints)
+    if joints < fewest_joints:
+        raise JobError(
+            f"an arm with {joints} joints",
+            f"at least {fewest_joints} joints: with fewer, the tool cannot be tilted about a point",
+            file=arm.chain.path,
+            where="pivot",
+        )
+    return "axis" if joints == fewest_joints else "pose"
+
+
+def reached(
     kinematics: InverseKinematics,
     position: FloatArray,
     rotation: FloatArray,
