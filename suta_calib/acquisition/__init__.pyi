@@ -1,5 +1,6 @@
 from .averaging import Average as Average
 from .averaging import average as average
+from .continuous import Swept as Swept
 from .measuring import Measured as Measured
 from .measuring import MeasureOptions as MeasureOptions
 from .measuring import measure as measure

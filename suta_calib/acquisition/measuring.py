@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 import math
+import time
 from collections.abc import Callable, Mapping
-from contextlib import ExitStack, closing
+from contextlib import ExitStack, closing, suppress
 from dataclasses import dataclass, field, replace
+from itertools import count, islice
 from pathlib import Path
 from typing import Any, Literal
 
+from suta_calib.acquisition.continuous import Continuous, Swept, time_columns
 from suta_calib.acquisition.guided import Guided, Keyboard
 from suta_calib.acquisition.raw import RawRecorder
+from suta_calib.acquisition.replay import Recording, RecordingEnded
 from suta_calib.acquisition.rest import DEFAULT_REST, RestSettings
 from suta_calib.acquisition.run import Run, SamplesFile
 from suta_calib.acquisition.session import (
@@ -22,6 +26,7 @@ from suta_calib.acquisition.session import (
     summary_lines,
 )
 from suta_calib.acquisition.stops import StopFinder
+from suta_calib.acquisition.sweep_contact import Surface
 from suta_calib.acquisition.touch_sequence import (
     TouchSequence,
     checked_label,
@@ -32,7 +37,7 @@ from suta_calib.acquisition.touch_sequence import (
     repeated,
     touched,
 )
-from suta_calib.acquisition.unattended import Continuous, Unattended
+from suta_calib.acquisition.unattended import Unattended
 from suta_calib.atomic import check_folder, check_outputs, only_writer
 from suta_calib.device.bus import Bus
 from suta_calib.device.description import DeviceSpec
@@ -40,8 +45,10 @@ from suta_calib.device.device_file import read_device
 from suta_calib.device.formats import format_of
 from suta_calib.device.port_process import PortProcess
 from suta_calib.display import Displayable
-from suta_calib.errors import InputError
+from suta_calib.errors import InputError, MissingExtraError
 from suta_calib.inputs import UrdfFile
+from suta_calib.job.outline import read_outline
+from suta_calib.optional_packages import load
 from suta_calib.terms import KINDS
 from suta_calib.units import deg
 
@@ -54,7 +61,7 @@ class MeasureOptions(Displayable):
 
     Attributes:
         job: the calibration.yaml that samples are taken for; they need not exist yet.
-        device: the device.yaml.
+        device: the device.yaml; None where there is a recording.
         labels: by sort of place (``placement``, ``point``, ``plane``, …), the label of the one
             that is touched: ``{"placement": "P1"}``.
         free: readings only, with no label: wherever the arm rests.
@@ -62,8 +69,10 @@ class MeasureOptions(Displayable):
         seconds: how long the arm's rest on each landmark is recorded, s: so long that a hand's
             tremor and the encoders' noise average out.
         rests: how many rests, where no artefact is touched.
-        continuous: sample for so long while the arm moves, s, in place of rests.
-        every: time between two samples of ``continuous``, s.
+        continuous: sample for so long while the arm moves, s, in place of rests; inf until a key
+            is pressed.
+        every: least time between two samples of ``continuous``, s.
+        recording: readings that were recorded, in place of a device; see `Recording`.
         out: the CSV; among the job's samples by default.
         sequence: landmarks in order; all of the artefact's by default.
         observation: which of the job's: a number, a name such as ``validation[0]``, or a kind.
@@ -78,14 +87,14 @@ class MeasureOptions(Displayable):
     """
 
     job: Path
-    device: Path
+    device: Path | None = None
     labels: Mapping[str, str] = field(default_factory=dict)
     free: bool = False
     repeat: str = "1"
     seconds: float = 2.0
     rests: int = 20
     continuous: float | None = None
-    every: float = 0.1
+    every: float = 0.0
     out: Path | None = None
     sequence: tuple[str, ...] | None = None
     observation: str | None = None
@@ -96,6 +105,7 @@ class MeasureOptions(Displayable):
     urdf: UrdfFile | None = None
     rest: RestSettings = DEFAULT_REST
     chain: str = ""
+    recording: Path | None = None
 
     def check(self) -> None:
         """Refuse options that contradict each other.
@@ -107,6 +117,11 @@ class MeasureOptions(Displayable):
         if len(given) != 1:
             chosen = " and ".join(given) or "none of the three"
             raise InputError(chosen, "one of --placement LABEL, --point LABEL and --free")
+        if (self.device is None) == (self.recording is None):
+            found = "both" if self.device else "neither"
+            raise InputError(found, "one of --device device.yaml and --recording FILE")
+        if self.recording is not None and self.raw is not None:
+            raise InputError("--raw with --recording", "--raw with --device")
         placed = "placement" in self.labels
         if placed and self.continuous is not None:
             raise InputError("--continuous with --placement", "--point or --free")
@@ -126,6 +141,7 @@ class Measured(Displayable):
         happened: what became of the stream, in sentences.
         missing: names of the stations without a sample; None while sampling a motion.
         look_at: what the user should look at again, by station; None likewise.
+        sweep: what a motion without stops left; None of rests.
     """
 
     status: Status
@@ -134,10 +150,13 @@ class Measured(Displayable):
     happened: tuple[str, ...] = ()
     missing: tuple[str, ...] | None = None
     look_at: dict[str, str] | None = None
+    sweep: Swept | None = None
 
     def as_dict(self) -> dict[str, Any]:
         """As JSON data."""
         given = {key: value for key, value in vars(self).items() if value is not None}
+        if self.sweep is not None:
+            given["sweep"] = self.sweep.as_dict()
         return {**given, "file": str(self.file)}
 
 
@@ -173,17 +192,27 @@ def measure(
         if port is not None:
             stack.callback(port.close)
         options.check()
-        spec = read_device(options.device)
-        plan, out = _plan(options)
+        spec = None if options.device is None else read_device(options.device)
+        plan, out, surface = _plan(options)
+        joints = plan.arm.joints
+        recording = None
+        if spec is None:
+            assert options.recording is not None
+            recording = Recording(options.recording, joints)
+            spec = recording.spec
         check_folder(out.parent)
         raw = [] if options.raw is None else [options.raw]
-        check_outputs([out, *raw], [options.job, options.device, options.urdf])
+        inputs = [options.job, options.device, options.recording, options.urdf]
+        check_outputs([out, *raw], inputs)
         stack.enter_context(only_writer(out))
-        joints = plan.arm.joints
         choose = ArmReadings(spec, joints)
-        file = SamplesFile(out, joints, plan.label_columns, plan.key, resume=options.resume)
-        session = _Session(options, plan, spec, file, say, show)
-        bus = Bus(spec, reconnect=True, on_event=session.note, port=port)
+        columns = plan.label_columns
+        if options.continuous is not None:
+            columns = (*columns, *time_columns(joints))
+        file = SamplesFile(out, joints, columns, plan.key, resume=options.resume)
+        session = _Session(options, plan, surface, spec, file, say, show)
+        bus: Bus | Recording
+        bus = recording or Bus(spec, reconnect=True, on_event=session.note, port=port)
         return session.run(stack.enter_context(closing(bus)), choose, keyboard)
 
 
@@ -194,6 +223,7 @@ class _Session:
         self,
         options: MeasureOptions,
         plan: TouchSequence,
+        surface: Surface | None,
         spec: DeviceSpec,
         file: SamplesFile,
         say: Callable[[str], None],
@@ -204,11 +234,19 @@ class _Session:
         self._events = StreamEvents()
         self._lines: list[str] = []
         self._run: Run | None = None
+        self._shown = -math.inf
         self._sampler: Sampler
         self._finder: Finder
         if options.continuous is not None:
-            both = Continuous(plan, file, say, options.continuous, options.every)
-            self._sampler = self._finder = both
+            unknowns = None
+            if names := read_outline(options.job).unknowns:
+                unknowns = plan.arm.select(*names)
+            self._sampler = self._finder = Continuous(
+                *(plan, file, say, options.continuous, options.every),
+                surface=surface,
+                unknowns=unknowns,
+                quiet=show is not None,
+            )
             return
         even = not format_of(spec).has_clock
         finder = StopFinder(plan.arm.joints, options.seconds, options.rest, even=even)
@@ -224,7 +262,7 @@ class _Session:
             self._finder.interrupt()
         self._say(message)
 
-    def run(self, bus: Bus, choose: ArmReadings, keyboard: Keyboard | None) -> Measured:
+    def run(self, bus: Bus | Recording, choose: ArmReadings, keyboard: Keyboard | None) -> Measured:
         options = self._options
         if self._sampler.done:
             self._say(f"nothing left to measure: {self._file.path} contains every station")
@@ -236,14 +274,20 @@ class _Session:
         try:
             with ExitStack() as stack:
                 record = None
-                if options.raw is not None:
-                    recorder = RawRecorder(options.raw, self._spec.names, self._say)
+                if (raw := self._raw()) is not None:
+                    recorder = RawRecorder(raw, self._spec.names, self._say)
                     record = stack.enter_context(recorder).write
-                if isinstance(self._sampler, Guided):
+                if not options.unattended:
                     keyboard = stack.enter_context(keyboard or Keyboard())
+                    if isinstance(self._sampler, Continuous) and keyboard.terminal:
+                        self._say("sweep the arm; Enter or q ends")
                 stack.callback(self._conclude, bus)
+                stack.enter_context(bus)
+                # A recording that has ended is all there is.
+                stack.enter_context(suppress(RecordingEnded))
+                finished = False
                 finished = run_session(
-                    stack.enter_context(bus),
+                    bus,
                     choose,
                     self._finder,
                     self._sampler,
@@ -254,11 +298,31 @@ class _Session:
                 )
         except KeyboardInterrupt:
             return self._measured("interrupted")
+        if options.recording is not None:
+            finished = self._sampler.done or isinstance(self._sampler, Continuous)
         return self._measured("complete" if finished else "incomplete")
+
+    def _raw(self) -> Path | None:
+        """Where the whole stream goes: a sweep's always, as nobody can sweep alike again."""
+        options, out = self._options, self._file.path
+        if options.raw is not None or options.continuous is None or options.recording is not None:
+            return options.raw
+        try:
+            load("pyarrow", "parquet")
+        except MissingExtraError as error:
+            self._say(f"the readings between the samples are not recorded: {error}")
+            return None
+        out.parent.mkdir(parents=True, exist_ok=True)
+        names = (out.with_name(f"{out.stem}_{k}.parquet") for k in count(2))
+        first = out.with_suffix(".parquet")
+        return next(path for path in (first, *islice(names, 1000)) if not path.exists())
 
     def _idle(self, keyboard: Keyboard | None) -> None:
         """Between two reads: keys, and what the arm does."""
         sampler = self._sampler
+        if isinstance(sampler, Continuous):
+            self._idle_in_motion(sampler, keyboard)
+            return
         if isinstance(sampler, Guided) and keyboard is not None:
             # Where no one sits at the keys, a line waits until it is asked for.
             key = keyboard.key() if keyboard.terminal or sampler.asking else None
@@ -274,15 +338,26 @@ class _Session:
             doing = "resting, waiting for a key"
         self._show(doing if run is None or run.done else f"{doing} · next: {run.station.name}")
 
-    def _conclude(self, bus: Bus) -> None:
+    def _idle_in_motion(self, sampler: Continuous, keyboard: Keyboard | None) -> None:
+        """A key may end a sweep; how far it is, is shown once a second."""
+        if keyboard is not None and keyboard.terminal and (key := keyboard.key()) is not None:
+            sampler.press(key)
+        now = time.monotonic()
+        if self._show is not None and now - self._shown > 1.0:
+            self._shown = now
+            self._show(sampler.doing())
+
+    def _conclude(self, bus: Bus | Recording) -> None:
         """Also after Ctrl-C or a lost device: say what there is."""
         if not self._events.readings:
             return
         self._lines = summary_lines(self._events, bus.statistics, self._spec)
-        count = len(self._file.rows)
-        recorded = f"{count} sample{'s' * (count != 1)} in {self._file.path}"
-        self._say(recorded if count else "no samples recorded")
-        if not count and isinstance(self._finder, StopFinder) and self._finder.restless:
+        if isinstance(self._sampler, Continuous):
+            self._lines = [*self._sampler.conclude(), *self._lines]
+        rows = len(self._file.rows)
+        recorded = f"{rows} sample{'s' * (rows != 1)} in {self._file.path}"
+        self._say(recorded if rows else "no samples recorded")
+        if not rows and isinstance(self._finder, StopFinder) and self._finder.restless:
             rest = self._options.rest
             self._say(
                 f"the arm was never at rest: within {rest.window:g} s, "
@@ -290,7 +365,7 @@ class _Session:
                 f"deg or trembled by more than {deg(rest.tremble):.2g} deg. Seat it firmly and "
                 "let go, or allow more motion with --drift-deg or --tremble-deg"
             )
-        if count and self._run is not None and not self._run.done:
+        if rows and self._run is not None and not self._run.done:
             self._say("run the same command with --resume to continue after the last sample")
         for line in self._lines:
             self._say(line)
@@ -298,6 +373,8 @@ class _Session:
     def _measured(self, status: Status) -> Measured:
         run, file = self._run, self._file
         measured = Measured(status, file.path, len(file.rows), tuple(self._lines))
+        if isinstance(self._sampler, Continuous):
+            return replace(measured, sweep=self._sampler.swept)
         if run is None:
             return measured
         if run.missing:
@@ -311,12 +388,12 @@ class _Session:
         return replace(measured, missing=run.missing, look_at=run.notes)
 
 
-def _plan(options: MeasureOptions) -> tuple[TouchSequence, Path]:
-    """What to measure, and where it goes."""
+def _plan(options: MeasureOptions) -> tuple[TouchSequence, Path, Surface | None]:
+    """What to measure, where it goes, and the place that a sweep goes over."""
     if options.free:
         arm = read_arm(options.job, options.urdf, (options.chain, ""))
         out = options.out or options.job.parent / f"free_{options.repeat}.csv"
-        return repeated(arm, None, None, options.repeat, options.rests), out
+        return repeated(arm, None, None, options.repeat, options.rests), out, None
     ((place, label),) = options.labels.items()
     row = read_row(options.job, options.observation, kinds_of(place), options.chain)
     if row.kind not in kinds_of(place):
@@ -334,4 +411,7 @@ def _plan(options: MeasureOptions) -> tuple[TouchSequence, Path]:
         plan = repeated(arm, KINDS[row.kind], label, options.repeat, options.rests)
     else:
         plan = touched(arm, row, label, options.repeat, options.sequence)
-    return plan, options.out or row.file(label, options.repeat)
+    surface = None
+    if row.kind in KINDS and Surface.testable(KINDS[row.kind]):
+        surface = Surface(arm, KINDS[row.kind], row.settings)
+    return plan, options.out or row.file(label, options.repeat), surface

@@ -131,6 +131,17 @@ def _to_parquet(part: Path, path: Path) -> int:
     return rows
 
 
+def recorded_batches(part: Path) -> list[Any]:
+    """What is whole of a recording that was interrupted, as record batches of its columns."""
+    load("pyarrow", "parquet")
+    try:
+        with part.open("rb") as file:
+            _, *batches = [*_schema_and_batches(file)] or [None]
+    except OSError as error:
+        raise InputError(str(error.strerror), "a recording", file=part) from error
+    return batches
+
+
 def _schema_and_batches(file: Any) -> Iterator[Any]:
     """The schema of an Arrow stream, and its batches up to where it was cut off."""
     import pyarrow

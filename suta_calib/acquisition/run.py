@@ -300,6 +300,13 @@ class SamplesFile:
         """Write several rows at once after those there are; errors as of `put`."""
         self._write([*self.rows, *rows])
 
+    def exchange(self, kept: int, rows: Sequence[Sample]) -> None:
+        """Write other rows in place of this run's from number ``kept`` on; errors as of `put`."""
+        self._look_again()
+        gone = {*self._at[kept:]}
+        lines = [line for k, line in enumerate(self._lines) if k not in gone]
+        self._put([*self.rows[:kept], *rows], self.rows[:kept], lines, self._at[:kept])
+
     def relabel(self, labels: Sequence[Mapping[str, str]]) -> None:
         """Give all rows of this run other labels, in order, at once; errors as of `put`."""
         self._write([(new, angles) for new, (_, angles) in zip(labels, self.rows, strict=True)])
@@ -307,7 +314,12 @@ class SamplesFile:
     def _write(self, rows: list[Sample]) -> None:
         """Write the file with these rows; they are this run's once they are on the disk."""
         self._look_again()
-        lines, at = list(self._lines), list(self._at)
+        self._put(rows, self.rows, list(self._lines), list(self._at))
+
+    def _put(
+        self, rows: list[Sample], before: list[Sample], lines: list[str], at: list[int]
+    ) -> None:
+        """Write these rows over a file's lines, of which some (``at``) were rows ``before``."""
         for k, (labels, angles) in enumerate(rows):
             new = dict(labels) | dict(zip(self._joints, map(str, angles.tolist()), strict=True))
             if k >= len(at):
@@ -315,7 +327,7 @@ class SamplesFile:
                     lines[-1] += "\n"
                 at.append(len(lines))
                 lines.append(_line([new.get(name, "") for name in self._header]))
-            elif rows[k] is not self.rows[k]:
+            elif rows[k] is not before[k]:
                 # What stands in columns that are nobody's here stays.
                 old = dict(zip(self._header, _cells(lines[at[k]]), strict=True))
                 lines[at[k]] = _line([(old | new)[name] for name in self._header])

@@ -10,10 +10,12 @@ from typing import TypeAlias
 
 import numpy as np
 
+from suta_calib.acquisition.continuous import Continuous
 from suta_calib.acquisition.guided import Guided
+from suta_calib.acquisition.replay import Recording
 from suta_calib.acquisition.rest import STALL
 from suta_calib.acquisition.stops import StopFinder
-from suta_calib.acquisition.unattended import Continuous, Unattended
+from suta_calib.acquisition.unattended import Unattended
 from suta_calib.device.bus import Bus
 from suta_calib.device.description import DeviceSpec, columns_of
 from suta_calib.device.formats import format_of
@@ -59,7 +61,7 @@ class StreamEvents:
 
 
 def run_session(
-    source: Bus,
+    source: Bus | Recording,
     choose: ArmReadings,
     finder: Finder,
     sampler: Sampler,

@@ -8,10 +8,10 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import takewhile
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 from suta_calib.arm_keys import CHAIN_KEYS
 from suta_calib.arm_keys import read_arm as read_arm_of_job
@@ -48,6 +48,7 @@ class ObservationRow:
         seated: whether how the tip sits in its sockets is to be found, so that it must always be
             the same.
         chain: of several chains its own, and the one from whose tip it is touched.
+        settings: values of the kind's own keys.
     """
 
     job: Path
@@ -57,6 +58,7 @@ class ObservationRow:
     pattern: str
     seated: bool = False
     chain: tuple[str, str] = ("", "")
+    settings: Mapping[str, Any] = field(default_factory=dict)
 
     def file(self, label: str, repeat: str) -> Path:
         """Where samples of this label go by default: the folder and the look of the glob."""
@@ -80,6 +82,7 @@ class TouchSequence:
         key: labels that all stations share: they tell one run's rows from another's.
         how: what must be done at every station beside going there; or empty.
         twist: which way the plug must be turned at last, ``ccw`` or ``cw``; or empty.
+        place: the column of what is touched, where that is no landmark.
     """
 
     arm: ArmModel
@@ -88,6 +91,7 @@ class TouchSequence:
     key: Mapping[str, str]
     how: str = ""
     twist: str = ""
+    place: tuple[str, ...] = ()
 
     @property
     def label_columns(self) -> tuple[str, ...]:
@@ -126,7 +130,8 @@ def read_row(
     artefact = None if file is None else read_artefact(file)
     seated, read = "seating" in row.section, CHAIN_KEYS.values(row.section)
     ends = read.get("chain", ""), read.get("base_chain", "")
-    return ObservationRow(job, name, row.kind, artefact, row.samples[0], seated, ends)
+    settings = KINDS[row.kind].read_settings(row.section) if row.kind in KINDS else {}
+    return ObservationRow(job, name, row.kind, artefact, row.samples[0], seated, ends, settings)
 
 
 def _chosen(job: Path, kinds: Mapping[str, str], which: str | None, usable: Sequence[str]) -> str:
@@ -183,7 +188,7 @@ def repeated(
         key = {kind.place: checked_label(label, place_option(kind))} | key
     where = "anywhere" if label is None else label
     stations = tuple(Station(f"{where}, rest {k + 1}", key) for k in range(count))
-    return TouchSequence(arm, None, stations, key)
+    return TouchSequence(arm, None, stations, key, place=tuple(key)[:-1])
 
 
 def place_option(kind: type[Term]) -> str:

@@ -1,4 +1,4 @@
-"""Measuring without anybody at the keyboard: rest after rest, or while the arm moves.
+"""Measuring without anybody at the keyboard: rest after rest.
 
 Each rest that follows a motion is the next station. A stream that pauses may hide a motion, and who
 pauses on the way rests where no landmark is: then the next rest is not the next station any more.
@@ -8,21 +8,14 @@ decides which one the arm rests on.
 
 from __future__ import annotations
 
-from collections import deque
-from collections.abc import Iterable
-
 import numpy as np
 
-from suta_calib.acquisition.averaging import Average, unwrapped_about_median
-from suta_calib.acquisition.rest import STALL
-from suta_calib.acquisition.run import Run, SamplesFile, Say
+from suta_calib.acquisition.averaging import Average
+from suta_calib.acquisition.run import Run
 from suta_calib.acquisition.seating_check import ANOTHER, CERTAIN, likelier
 from suta_calib.acquisition.stops import Complete, Ended, Event, Interrupted, Rejected, StopFinder
-from suta_calib.acquisition.touch_sequence import TouchSequence
 from suta_calib.arrays import FloatArray
-from suta_calib.device.reading import Reading
 from suta_calib.geometry.numbers import wrap
-from suta_calib.units import from_deg
 
 
 class Unattended:
@@ -199,81 +192,3 @@ class Unattended:
 
 def _away(angles: FloatArray, other: FloatArray) -> float:
     return float(np.max(np.abs(wrap(angles - other))))
-
-
-class Continuous:
-    """Takes a sample ``every`` so many seconds while the arm moves, for ``seconds``.
-
-    All samples carry the labels of the plan's stations. Several are written at a time, so that the
-    disk is not asked too often.
-    """
-
-    def __init__(
-        self, plan: TouchSequence, file: SamplesFile, say: Say, seconds: float, every: float
-    ) -> None:
-        self._plan, self._file, self._say = plan, file, say
-        self._seconds, self._every = seconds, every
-        # So many readings in a row give one sample: a single wrong one among them does no harm.
-        self._latest: deque[Reading] = deque(maxlen=5)
-        self._waiting: list[FloatArray] = []
-        self._last: FloatArray | None = None
-        self._elapsed = self._due = self._flush_at = 0.0
-        self._flagged: set[str] = set()
-        self.count = 0
-
-    @property
-    def done(self) -> bool:
-        """Whether the time is up."""
-        return self._elapsed >= self._seconds
-
-    def handle(self, event: Event) -> None:
-        """Rests mean nothing here."""
-
-    def finish(self) -> None:
-        """Write what is not written yet."""
-        if not self._waiting:
-            return
-        self._file.put_all([(self._plan.stations[0].labels, average) for average in self._waiting])
-        self.count += len(self._waiting)
-        self._waiting = []
-        self._say(
-            f"{self.count} samples, {max(0.0, self._seconds - self._elapsed):.0f} s remaining"
-        )
-
-    def feed(self, readings: Iterable[Reading]) -> list[Event]:
-        """Take the arm's readings as they come; there are no stops to tell of."""
-        for reading in readings:
-            if self.done:  # a busy computer gets many at once
-                break
-            if reading.error.any():
-                self._latest.clear()
-                for index in np.flatnonzero(reading.error):
-                    joint = self._plan.arm.joints[index]
-                    if joint not in self._flagged:
-                        self._flagged.add(joint)
-                        self._say(
-                            f"rejected: error flag of {joint}; readings with this flag are not used"
-                        )
-                continue
-            if self._latest:
-                step = reading.time - self._latest[-1].time
-                self._elapsed += step if 0 <= step < STALL else 0.0
-            self._latest.append(reading)
-            if self._elapsed >= self._due and len(self._latest) == self._latest.maxlen:
-                self._sample()
-        if self._elapsed >= self._flush_at or self.done:
-            self._flush_at = self._elapsed + 1.0
-            self.finish()
-        return []
-
-    def _sample(self) -> None:
-        self._due = self._elapsed + self._every
-        latest = list(self._latest)
-        # Spread over more time than this they are different postures, s.
-        if latest[-1].time - latest[0].time > 0.02:
-            latest = [latest[len(latest) // 2]]
-        angles = unwrapped_about_median(np.array([r.angles for r in latest]))[0]
-        # Samples in one posture tell nothing new.
-        if self._last is None or _away(angles, self._last) > from_deg(0.5):
-            self._waiting.append(angles)
-            self._last = angles

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from contextlib import ExitStack
 from dataclasses import fields
 from typing import Any
@@ -19,6 +20,7 @@ from suta_calib.cli._options import (
     flag,
     job_argument,
     json_option,
+    numbers_of,
     option,
     urdf_option,
 )
@@ -36,7 +38,10 @@ class PlaceCommand(click.Command):
     """
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
-        """Parse, with flags added that are not known yet."""
+        """Parse, with flags added that are not known yet, and a sweep that has no time as 0."""
+        for k, word in enumerate(args):
+            if word == "--continuous" and not numbers_of(args[k + 1] if k + 1 < len(args) else ""):
+                args[k] = "--continuous=0"
         declared = {name for parameter in self.params for name in parameter.opts}
         given = {word.partition("=")[0] for word in args if word.startswith("--")}
         if given - declared:
@@ -51,19 +56,30 @@ class PlaceCommand(click.Command):
 
 @click.command(cls=PlaceCommand)
 @job_argument
-@option("--device", "The device.yaml of the arm.", PATH, required=True)
+@option("--device", "The device.yaml of the arm.", PATH)
+@option(
+    "--recording FILE",
+    "Readings that were recorded, instead of --device: a file of --raw, or a CSV with time and "
+    "one column per joint.",
+    PATH,
+)
 @option("--placement", "Label of the artefact's placement, such as P1.")
 @option("--point", "Label of a fixed point, such as F1, instead of --placement.")
 @flag("--free", "Record only readings, without labels, wherever the arm rests.")
 @option("--repeat", "Number of this repeat of the measurement.", default="1")
-@option("--seconds", "How long each rest of the arm is recorded, in s.", FiniteRange(min=0.1), 2.0)
-@option("--rests", "Number of rests, with --point or --free.", click.IntRange(1, 10_000), 20)
 @option(
-    "--continuous S",
-    "With --point or --free: record for S seconds while the arm moves, instead of rests.",
+    "--seconds",
+    "How long each rest of the arm is recorded, in s; default: 2. With --continuous: how long the "
+    "sweep is recorded; default: until a key is pressed.",
     FiniteRange(min=0.1),
 )
-@option("--every", "Seconds between two samples of --continuous.", FiniteRange(min=0.01), 0.1)
+@option("--rests", "Number of rests, with --point or --free.", click.IntRange(1, 10_000), 20)
+@option(
+    "--continuous [S]",
+    "With --point or --free: record while the arm moves, instead of rests, for S seconds.",
+    FiniteRange(min=0),
+)
+@option("--every", "Least time in s between two samples of --continuous.", FiniteRange(min=0), 0.0)
 @option("--out", "The samples file; default: the one of the job.", PATH)
 @option("--sequence", "Landmarks in order, such as O,M1,M2; default: as in the artefact.")
 @option(
@@ -97,9 +113,14 @@ def measure(context: click.Context, /, **options: Any) -> None:
     arm moved or an encoder set its error flag, the rest is recorded again. Existing samples are
     never overwritten, and rows that another program adds meanwhile are kept. The exit code is 1 if
     --patience ended the run. Until the end, the file of --raw is called FILE.part.
+
+    With --continuous, sweep the arm by hand while its tip is in a socket (--point) or on a plate
+    (--plane). Postures that are 2 deg apart count, and nothing else. The whole stream is recorded
+    beside the samples (.parquet). At the end, rows are left out that were read while the tip was
+    off its place, and rows after a slip get a label of their own.
     """
     # The arm may rest on the first landmark already, and loading the rest takes a second.
-    port = open_ahead(options["device"])
+    port = None if options["device"] is None else open_ahead(options["device"])
     with ExitStack() as stack:
         if port is not None:
             stack.callback(port.close)
@@ -115,10 +136,15 @@ def measure(context: click.Context, /, **options: Any) -> None:
             options["sequence"] = tuple(
                 filter(None, (name.strip() for name in sequence.split(",")))
             )
+        seconds, continuous = options.pop("seconds"), options.pop("continuous")
+        if continuous is not None:
+            options["continuous"] = continuous or seconds or math.inf
+        elif seconds is not None:
+            options["seconds"] = seconds
         chosen = MeasureOptions(labels=labels, unattended=options.pop("yes"), rest=rest, **options)
         to = console(stderr=as_json)
         show = None
-        if to.is_terminal and chosen.continuous is None:
+        if to.is_terminal:
             show = stack.enter_context(to.status("waiting for readings")).update
 
         def say(line: str) -> None:

@@ -9,9 +9,9 @@ import pytest
 from acquisition_scenes import Scene
 from device_stand_in import POSTURE, Script
 
+from suta_calib.acquisition.continuous import Continuous
 from suta_calib.acquisition.guided import ENTER
 from suta_calib.acquisition.touch_sequence import repeated
-from suta_calib.acquisition.unattended import Continuous
 from suta_calib.measurements import read_samples
 from suta_calib.terms import FixedPoint, PairwiseDistance
 from suta_calib.terms.poses import joint_ranges

@@ -342,7 +342,7 @@ def read_stream(path: str | Path, joints: Sequence[str] = ()) -> Stream:
         MissingExtraError: a Parquet file, and pyarrow is not installed.
     """
     path = Path(path)
-    table = _read_parquet(path) if path.suffix.lower() in _PARQUET else read_csv_table(path)
+    table = read_parquet(path) if path.suffix.lower() in _PARQUET else read_csv_table(path)
     names = tuple(joints) or tuple(n for n in table.columns if n not in NO_JOINTS)
     if not names:
         raise SamplesError(
@@ -365,7 +365,7 @@ def read_stream(path: str | Path, joints: Sequence[str] = ()) -> Stream:
     return Stream(path, names, time, readings, len(table) - len(valid))
 
 
-def _read_parquet(path: Path) -> CsvTable:
+def read_parquet(path: Path) -> CsvTable:
     """A Parquet file as the table a CSV file would give; a row's number stands for its line."""
     arrow, parquet = load("pyarrow", "parquet"), load("pyarrow.parquet", "parquet")
     note_input(path)
