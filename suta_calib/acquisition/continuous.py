@@ -298,7 +298,7 @@ class Continuous:
         if self._moments.unusable:
             said.append(f"{self._moments.unusable} readings were no numbers, or invalid: not used")
         if self._moments.repeated:
-            said.append(f"{self._moments.repeated} readings had the time of the one before")
+            said.append(f"{self._moments.repeated} readings came twice")
         if self._surface is not None and strokes < ENOUGH_STROKES:
             said.append(
                 f"only {strokes} strokes: the ± of a calibration are rough. Reverse the motion "

@@ -251,7 +251,9 @@ class _Session:
         even = not format_of(spec).has_clock
         finder = StopFinder(plan.arm.joints, options.seconds, options.rest, even=even)
         self._run = Run(plan, file, say)
-        kind = Unattended if options.unattended else Guided
+        # Nobody can answer as fast as a recording is read.
+        alone = options.unattended or options.recording is not None
+        kind = Unattended if alone else Guided
         self._finder, self._sampler = finder, kind(self._run, finder, options.seconds)
 
     def note(self, message: str) -> None:

@@ -54,7 +54,7 @@ class Moments:
         seconds: that were recorded; pauses do not count.
         now: s since the first reading, by the device's clock.
         unusable: readings that are no numbers, or came with a raised error flag.
-        repeated: readings with the time of the one before.
+        repeated: readings that are the one before again.
     """
 
     def __init__(self) -> None:
@@ -72,10 +72,9 @@ class Moments:
                 self.unusable += 1
                 continue
             step = 0.0 if self._last is None else reading.time - self._last.time
-            repeats = self._last is not None and step == 0.0
-            self._last = reading
-            if repeats and self._waiting:
-                # A clock that ticks more slowly than readings come, or one reading sent twice.
+            last, self._last = self._last, reading
+            # Lines that arrive together have one time, too, but readings of their own.
+            if last is not None and step == 0.0 and np.array_equal(reading.angles, last.angles):
                 self.repeated += 1
                 continue
             # A clock that runs backwards is another one: the device was started again.

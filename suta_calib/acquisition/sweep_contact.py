@@ -420,7 +420,11 @@ def _cost(residual: FloatArray, scatter: float) -> FloatArray:
 
 def _own(fit: _Fit, number: int) -> list[int]:
     """Where the unknowns of one place are."""
-    return [k for k, name in enumerate(fit.problem.names) if f"[place {number}]" in name]
+    return [
+        k
+        for k, name in enumerate(fit.problem.names)
+        if name.partition("]")[0].endswith(f"place {number}")
+    ]
 
 
 def _gain(fit: _Fit, later: BoolArray) -> float:
