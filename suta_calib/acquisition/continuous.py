@@ -18,7 +18,7 @@ from suta_calib.acquisition.guided import ENTER
 from suta_calib.acquisition.run import Sample, SamplesFile, Say
 from suta_calib.acquisition.stops import Began, Event
 from suta_calib.acquisition.sweep import APART, Moment, Moments, Postures, Thinning, thinned
-from suta_calib.acquisition.sweep_contact import Contact, Surface, Telling, contact
+from suta_calib.acquisition.sweep_contact import TipContact, Surface, Telling, contact
 from suta_calib.acquisition.touch_sequence import TouchSequence
 from suta_calib.arrays import FloatArray
 from suta_calib.device.reading import Reading
@@ -246,7 +246,7 @@ class Continuous:
         labels |= {TIME: f"{moment.time:.4f}", STROKE: str(stroke)}
         return {k: v for k, v in labels.items() if k not in self._plan.arm.joints}, moment.angles
 
-    def _row(self, row: int, stroke: int, found: Contact) -> Sample:
+    def _row(self, row: int, stroke: int, found: TipContact) -> Sample:
         moment = self._seen[row]
         return self._labelled(moment, int(stroke), int(found.place(np.array([moment.time]))[0]))
 
@@ -273,7 +273,7 @@ class Continuous:
             text += f"; the tip scatters by {mm(swept.scatter):.2g} mm about its place"
         return text
 
-    def _told(self, found: Contact | None) -> list[str]:
+    def _told(self, found: TipContact | None) -> list[str]:
         """Sentences of lift-offs and slips."""
         if found is None:
             return []

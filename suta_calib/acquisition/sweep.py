@@ -33,6 +33,8 @@ LENGTH: Final = 0.2
 # So many readings in a row, in at most so many s, are one: a wrong one among them does no harm.
 _AT_ONCE: Final = 8
 _WITHIN: Final = 0.02
+# A pause that may be one, s; what is longer is a damaged time.
+_LONGEST: Final = 3600.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,9 +79,9 @@ class Moments:
             if last is not None and step == 0.0 and np.array_equal(reading.angles, last.angles):
                 self.repeated += 1
                 continue
-            # A clock that runs backwards is another one: the device was started again.
+            # A clock that runs backwards, or leaps, is another one: the device was started again.
             paused = not 0.0 <= step < STALL
-            self.now += max(step, 0.0)
+            self.now += step if 0.0 <= step < _LONGEST else 0.0
             self.seconds += 0.0 if paused else step
             if self._waiting and (paused or self.now - self._waiting[0][0] > _WITHIN):
                 moments.append(self._moment())

@@ -86,7 +86,7 @@ class Slip:
 
 
 @dataclass(frozen=True, eq=False)
-class Contact:
+class TipContact:
     """What became of the contact.
 
     Attributes:
@@ -155,7 +155,7 @@ class _Fit:
 
 def contact(
     surface: Surface, moments: Sequence[Moment], rows: IntArray, strokes: IntArray
-) -> Contact:
+) -> TipContact:
     """Whether the tip was on its place at each moment.
 
     Args:
@@ -185,7 +185,7 @@ def contact(
     all_times = np.array([moment.time for moment in moments])
     # The first posture at the new place is the first that is known to be there.
     began = tuple(Slip(float(times[k]), d * _MM, std * _MM) for k, (d, std) in starts.items())
-    told = Contact(np.ones(0, dtype=np.bool_), (), began, fit.scatter * _MM)
+    told = TipContact(np.ones(0, dtype=np.bool_), (), began, fit.scatter * _MM)
     off = _distances(surface, fit, moments, told.place(all_times))
     lifted = [*_lift_offs(all_times, off, max(fit.scatter, LEAST_LIFT / _OFF))]
     touching = np.ones(len(moments), dtype=np.bool_)
@@ -197,7 +197,7 @@ def contact(
         if all_times[b] - all_times[a] - 2 * _MARGIN > _SHORTEST
         and not any(_is_slip(slip, all_times[a], all_times[b], off[a : b + 1]) for slip in began)
     )
-    return Contact(touching, lift_offs, began, fit.scatter * _MM)
+    return TipContact(touching, lift_offs, began, fit.scatter * _MM)
 
 
 def _is_slip(slip: Slip, begin: float, end: float, off: FloatArray) -> bool:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -18,11 +20,14 @@ from hand_sweeps import (
 )
 from spread import is_as_predicted
 
+from suta_calib.acquisition.continuous import Continuous
+from suta_calib.acquisition.run import SamplesFile
 from suta_calib.acquisition.sweep import APART, Moment, Postures, thinned
 from suta_calib.acquisition.sweep_contact import Surface, Telling
+from suta_calib.acquisition.touch_sequence import repeated
 from suta_calib.errors import SamplesError
 from suta_calib.geometry.numbers import wrap
-from suta_calib.measurements import Samples
+from suta_calib.measurements import Samples, read_csv_table
 from suta_calib.simulation import InverseKinematics, Targets
 from suta_calib.solver.options import SolverOptions
 from suta_calib.solver.problem import Problem
@@ -130,6 +135,47 @@ def test_what_other_postures_would_tell_is_named() -> None:
     assert telling.untold(q) == ()
 
 
+# ── Measuring ──────────────────────────────────────────────────────────────────────────────────
+def swept(path: Path, said: list[str], *, resume: bool = False) -> Continuous:
+    arm = suta()
+    plan = repeated(arm, FixedPoint, "F1", "1", 1)
+    columns = (*plan.label_columns, "time", "stroke")
+    file = SamplesFile(path, arm.joints, columns, plan.key, resume=resume)
+    surface, unknowns = Surface(arm, FixedPoint, {}), arm.select("joint_*.offset", "tip.x")
+    return Continuous(plan, file, said.append, surface=surface, unknowns=unknowns)
+
+
+def test_how_far_a_sweep_is_is_said_and_a_key_ends_it(tmp_path: Path) -> None:
+    said: list[str] = []
+    readings = hand_readings(hand_motion(1))
+    sweep = swept(tmp_path / "a.csv", said)
+    for first in range(0, 9000, 500):
+        sweep.feed(readings[first : first + 500])
+    assert len(said) == 1
+    assert re.match(r"\d+ postures in \d+ strokes, 10 s; covered: joint_1 \d+°, joint_2", said[0])
+    rows = len(read_csv_table(tmp_path / "a.csv"))
+    assert 0.8 * sweep.count < rows <= sweep.count
+    sweep.press("x")
+    assert not sweep.done
+    sweep.press("q")
+    assert sweep.done
+    assert not sweep.feed(readings[9000:9500])
+    first, *_ = sweep.conclude()
+    assert first.startswith(f"{sweep.count} postures in")
+    assert sweep.conclude() == []
+    # Going on, only what is new counts, in strokes of their own.
+    before = read_csv_table(tmp_path / "a.csv")
+    again = swept(tmp_path / "a.csv", said, resume=True)
+    again.feed(readings[:14000])
+    again.conclude()
+    after = read_csv_table(tmp_path / "a.csv")
+    assert len(after) == len(before) + again.count
+    assert after.columns["joint_1"][: len(before)] == before.columns["joint_1"]
+    assert 0 < again.count < 0.6 * len(before)
+    strokes = [int(stroke) for stroke in after.columns["stroke"]]
+    assert min(strokes[len(before) :]) > max(strokes[: len(before)])
+
+
 # ── The ± ──────────────────────────────────────────────────────────────────────────────────────
 def test_the_stated_error_of_the_tip_is_true_though_strokes_err_together() -> None:
     """Each stroke has the tip elsewhere in its socket, and every row scatters."""
@@ -204,6 +250,8 @@ def test_a_stream_with_nonsense_in_it_gives_the_same_sweep() -> None:
         elif rng.random() < 0.002:
             angles[rng.integers(6)] += rng.uniform(-3.0, 3.0)
         spoilt.append(replace(each, angles=angles, time=each.time if k < 6000 else each.time - 7.0))
+        if k == 7000:
+            spoilt[-1] = replace(spoilt[-1], time=1e9)
         if rng.random() < 0.01:
             spoilt.append(spoilt[-1])
     moments = moments_of(spoilt)
@@ -217,7 +265,8 @@ def test_a_stream_with_nonsense_in_it_gives_the_same_sweep() -> None:
         assert np.abs(wrap(true - moments[row].angles)).max(axis=1).min() < 3e-3
     times = [moment.time for moment in moments]
     assert (np.diff(times) > 0).all()
-    assert sum(moment.cut for moment in moments) == 3
+    assert sum(moment.cut for moment in moments) == 5
+    assert 10.0 < times[-1] < 13.0
     assert len(set(strokes.tolist())) > 3
 
 

@@ -9,7 +9,7 @@ import numpy as np
 from device_stand_in import POSTURE, reading
 
 from suta_calib.acquisition.sweep import Moment, Moments, Postures, thinned
-from suta_calib.acquisition.sweep_contact import Contact, Surface, contact
+from suta_calib.acquisition.sweep_contact import TipContact, Surface, contact
 from suta_calib.arrays import FloatArray
 from suta_calib.device.reading import Reading
 from suta_calib.emulation import HandSweep, swept_by_hand
@@ -56,5 +56,5 @@ def postures_of(moments: list[Moment]) -> tuple[FloatArray, FloatArray]:
     return thinned(Postures(suta()), moments, [True] * len(moments))
 
 
-def contact_of(moments: list[Moment], kind: str = "fixed_point") -> Contact:
+def contact_of(moments: list[Moment], kind: str = "fixed_point") -> TipContact:
     return contact(Surface(suta(), KINDS[kind], {}), moments, *postures_of(moments))
