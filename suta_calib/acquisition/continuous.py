@@ -17,8 +17,8 @@ import numpy as np
 from suta_calib.acquisition.guided import ENTER
 from suta_calib.acquisition.run import Sample, SamplesFile, Say
 from suta_calib.acquisition.stops import Began, Event
-from suta_calib.acquisition.sweep import APART, Moment, Moments, Postures, Thinning, thinned
-from suta_calib.acquisition.sweep_contact import TipContact, Surface, Telling, contact
+from suta_calib.acquisition.sweep import APART, Moment, Moments, PostureDistance, Thinning, thinned
+from suta_calib.acquisition.sweep_contact import Surface, Telling, TipContact, contact
 from suta_calib.acquisition.touch_sequence import TouchSequence
 from suta_calib.arrays import FloatArray
 from suta_calib.device.reading import Reading
@@ -125,7 +125,7 @@ class Continuous:
             "strokes": max(strokes, default=0),
         }
         self._apart = apart
-        self._postures = Postures(plan.arm)
+        self._postures = PostureDistance(plan.arm)
         self._thinning = Thinning(self._postures, **self._thinning_of)
         self._moments, self._seen = Moments(), list[Moment]()
         self._waiting: list[Sample] = []

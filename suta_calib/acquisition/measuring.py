@@ -14,7 +14,7 @@ from typing import Any, Literal
 from suta_calib.acquisition.continuous import Continuous, Swept, time_columns
 from suta_calib.acquisition.guided import Guided, Keyboard
 from suta_calib.acquisition.raw import RawRecorder
-from suta_calib.acquisition.replay import Recording, RecordingEnded
+from suta_calib.acquisition.replay import RecordedStream, RecordingEnded
 from suta_calib.acquisition.rest import DEFAULT_REST, RestSettings
 from suta_calib.acquisition.run import Run, SamplesFile
 from suta_calib.acquisition.session import (
@@ -72,7 +72,7 @@ class MeasureOptions(Displayable):
         continuous: sample for so long while the arm moves, s, in place of rests; inf until a key
             is pressed.
         every: least time between two samples of ``continuous``, s.
-        recording: readings that were recorded, in place of a device; see `Recording`.
+        recording: readings that were recorded, in place of a device; see `RecordedStream`.
         out: the CSV; among the job's samples by default.
         sequence: landmarks in order; all of the artefact's by default.
         observation: which of the job's: a number, a name such as ``validation[0]``, or a kind.
@@ -198,7 +198,7 @@ def measure(
         recording = None
         if spec is None:
             assert options.recording is not None
-            recording = Recording(options.recording, joints)
+            recording = RecordedStream(options.recording, joints)
             spec = recording.spec
         check_folder(out.parent)
         raw = [] if options.raw is None else [options.raw]
@@ -211,7 +211,7 @@ def measure(
             columns = (*columns, *time_columns(joints))
         file = SamplesFile(out, joints, columns, plan.key, resume=options.resume)
         session = _Session(options, plan, surface, spec, file, say, show)
-        bus: Bus | Recording
+        bus: Bus | RecordedStream
         bus = recording or Bus(spec, reconnect=True, on_event=session.note, port=port)
         return session.run(stack.enter_context(closing(bus)), choose, keyboard)
 
@@ -264,7 +264,9 @@ class _Session:
             self._finder.interrupt()
         self._say(message)
 
-    def run(self, bus: Bus | Recording, choose: ArmReadings, keyboard: Keyboard | None) -> Measured:
+    def run(
+        self, bus: Bus | RecordedStream, choose: ArmReadings, keyboard: Keyboard | None
+    ) -> Measured:
         options = self._options
         if self._sampler.done:
             self._say(f"nothing left to measure: {self._file.path} contains every station")
@@ -349,7 +351,7 @@ class _Session:
             self._shown = now
             self._show(sampler.doing())
 
-    def _conclude(self, bus: Bus | Recording) -> None:
+    def _conclude(self, bus: Bus | RecordedStream) -> None:
         """Also after Ctrl-C or a lost device: say what there is."""
         if not self._events.readings:
             return

@@ -28,7 +28,7 @@ class RecordingEnded(Exception):  # noqa: N818 (the end of a file is no error)
     """Everything in a recording has been read."""
 
 
-class Recording:
+class RecordedStream:
     """Readings of a file, in its order, as a `Bus` gives those of a device.
 
     Cells that are no number, and angles that no joint can have, are the recording's: readings with

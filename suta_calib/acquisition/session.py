@@ -12,7 +12,7 @@ import numpy as np
 
 from suta_calib.acquisition.continuous import Continuous
 from suta_calib.acquisition.guided import Guided
-from suta_calib.acquisition.replay import Recording
+from suta_calib.acquisition.replay import RecordedStream
 from suta_calib.acquisition.rest import STALL
 from suta_calib.acquisition.stops import StopFinder
 from suta_calib.acquisition.unattended import Unattended
@@ -61,7 +61,7 @@ class StreamEvents:
 
 
 def run_session(
-    source: Bus | Recording,
+    source: Bus | RecordedStream,
     choose: ArmReadings,
     finder: Finder,
     sampler: Sampler,

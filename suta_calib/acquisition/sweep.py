@@ -30,8 +30,9 @@ APART: Final = from_deg(2.0)
 BACK: Final = from_deg(5.0)
 # What a joint that slides moves for a radian of the others, m.
 LENGTH: Final = 0.2
-# So many readings in a row, in at most so many s, are one: a wrong one among them does no harm.
-_AT_ONCE: Final = 8
+# So many readings in a row, in at most so many s, are one: a wrong one among them does no harm. An
+# odd number has a middle one, with all joints at one moment.
+_AT_ONCE: Final = 7
 _WITHIN: Final = 0.02
 # A pause that may be one, s; what is longer is a damaged time.
 _LONGEST: Final = 3600.0
@@ -103,7 +104,7 @@ class Moments:
         return moment
 
 
-class Postures:
+class PostureDistance:
     """Distances between postures of one arm, as angles.
 
     Args:
@@ -136,14 +137,14 @@ class Postures:
 
 
 class KeptPostures:
-    """Postures that count so far, to be asked again and again whether one is near another.
+    """PostureDistance that count so far, to be asked again and again whether one is near another.
 
     Args:
         postures: of the arm.
         earlier: (k, n) that count already.
     """
 
-    def __init__(self, postures: Postures, earlier: Sequence[FloatArray]) -> None:
+    def __init__(self, postures: PostureDistance, earlier: Sequence[FloatArray]) -> None:
         self._postures = postures
         # Those in the tree, and those that have come since it was made.
         self._tree: KDTree | None = None
@@ -189,7 +190,7 @@ class Thinning:
 
     def __init__(
         self,
-        postures: Postures,
+        postures: PostureDistance,
         apart: float = APART,
         every: float = 0.0,
         earlier: Sequence[FloatArray] = (),
@@ -235,7 +236,7 @@ class Thinning:
 
 
 def thinned(
-    postures: Postures,
+    postures: PostureDistance,
     moments: Sequence[Moment],
     used: Sequence[bool],
     *,

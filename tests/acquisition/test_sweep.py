@@ -22,7 +22,7 @@ from spread import is_as_predicted
 
 from suta_calib.acquisition.continuous import Continuous
 from suta_calib.acquisition.run import SamplesFile
-from suta_calib.acquisition.sweep import APART, Moment, Postures, thinned
+from suta_calib.acquisition.sweep import APART, Moment, PostureDistance, thinned
 from suta_calib.acquisition.sweep_contact import Surface, Telling
 from suta_calib.acquisition.touch_sequence import repeated
 from suta_calib.errors import SamplesError
@@ -70,7 +70,7 @@ def test_a_stroke_ends_where_the_motion_turns_back() -> None:
     script = Script(POSTURE).move(there).move(aside).move(there).move(POSTURE)
     moments = moments_of(script.readings())
     thin = {"apart": 1e-9, "earlier": [], "strokes": 4}
-    _, strokes = thinned(Postures(suta()), moments, [True] * len(moments), **thin)
+    _, strokes = thinned(PostureDistance(suta()), moments, [True] * len(moments), **thin)
     assert sorted(set(strokes.tolist())) == [5, 6]
     # On the far side, up to what is no hesitation any more.
     assert 1.6 < moments[int(np.argmax(strokes == 6))].time < 2.2
@@ -78,7 +78,7 @@ def test_a_stroke_ends_where_the_motion_turns_back() -> None:
     trembling = [
         replace(m, angles=m.angles + np.radians(0.3) * np.sin(50.0 * m.time)) for m in moments
     ]
-    _, again = thinned(Postures(suta()), trembling, [True] * len(moments), **thin)
+    _, again = thinned(PostureDistance(suta()), trembling, [True] * len(moments), **thin)
     assert set(again.tolist()) == {5, 6}
 
 
@@ -189,7 +189,7 @@ def test_the_stated_error_of_the_tip_is_true_though_strokes_err_together() -> No
     motion = hand_motion(1, seconds=60.0, seat=0.0)
     moments = moments_of(hand_readings(motion, rate=100.0, noise=0.0))
     wide = {"apart": 3 * APART}
-    rows, strokes = thinned(Postures(arm), moments, [True] * len(moments), **wide)
+    rows, strokes = thinned(PostureDistance(arm), moments, [True] * len(moments), **wide)
     q = np.array([moments[k].angles for k in rows])
     rotation, position = arm.forward(q, truth)
     middle = position.mean(axis=0)
@@ -272,5 +272,5 @@ def test_a_stream_with_nonsense_in_it_gives_the_same_sweep() -> None:
 
 def test_moments_of_nothing() -> None:
     assert moments_of([]) == []
-    rows, strokes = thinned(Postures(suta()), list[Moment](), [])
+    rows, strokes = thinned(PostureDistance(suta()), list[Moment](), [])
     assert len(rows) == len(strokes) == 0

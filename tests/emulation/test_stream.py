@@ -268,6 +268,7 @@ def test_faults_that_mean_nothing_are_refused(text: str, message: str) -> None:
 
 def test_every_word_of_the_help_can_be_parsed() -> None:
     examples = {"SHARE": "0.5", "N@T": "2@1", "S@T": "0.5@1", "N": "3", "JOINT:S@T": "j:0.5@1"}
+    examples |= {"MM:S@T": "3:0.5@1", "MM@T": "2@1"}
     for word in WORDS:
         name, _, form = word.partition("=")
         assert Faults.parse(f"{name}={examples[form]}") != Faults(), word

@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 from device_stand_in import POSTURE, reading
 
-from suta_calib.acquisition.sweep import Moment, Moments, Postures, thinned
-from suta_calib.acquisition.sweep_contact import TipContact, Surface, contact
+from suta_calib.acquisition.sweep import Moment, Moments, PostureDistance, thinned
+from suta_calib.acquisition.sweep_contact import Surface, TipContact, contact
 from suta_calib.arrays import FloatArray
 from suta_calib.device.reading import Reading
 from suta_calib.emulation import HandSweep, swept_by_hand
@@ -53,7 +53,7 @@ def moments_of(readings: list[Reading]) -> list[Moment]:
 
 def postures_of(moments: list[Moment]) -> tuple[FloatArray, FloatArray]:
     """Which moments count, and their strokes."""
-    return thinned(Postures(suta()), moments, [True] * len(moments))
+    return thinned(PostureDistance(suta()), moments, [True] * len(moments))
 
 
 def contact_of(moments: list[Moment], kind: str = "fixed_point") -> TipContact:
