@@ -41,6 +41,7 @@ from suta_calib.measurements.samples import STROKE, TEMPERATURES, Samples
 from suta_calib.units import FARTHEST
 
 TEMPERATURE = "temperature"
+# Of the rows of a recording in motion, s.
 TIME = "time"
 # What the tip carries: a mass, and where its centre is in the frame of the tip.
 PAYLOAD = "payload_kg"
@@ -124,9 +125,9 @@ def read_samples(
         columns: what else is needed; every other column is ignored, but ``JOINT.direction``, where
             all files have it: from which side that joint came; ``temperature``, °C; ``payload_kg``
             and ``payload_x, payload_y, payload_z``, m (or in mm with ``_mm``): what the tip
-            carries, and where in its frame. All files have such a column or none. Rows of one file
-            with the same value of ``stroke`` err together (`Term.clusters`); without one, a row is
-            by itself. A joint's
+            carries, and where in its frame. All files have such a column or none. Where all have
+            ``time``, s, each file is a recording in motion. Rows of one file with the same value of
+            ``stroke`` err together (`Term.clusters`); without one, a row is by itself. A joint's
             readings may be in degrees or mm where its column says so: ``JOINT_deg``, ``JOINT_mm``.
         felt: columns of accelerometers on links, x, y and z; a row may leave them empty. Columns
             that look like another one, such as ``NAME_ax, NAME_ay, NAME_az``, are read too.
@@ -164,6 +165,7 @@ def read_samples(
         j.name for j in joints if all(_direction(j.name) in t.columns for t in tables)
     }
     warm = TEMPERATURE not in names and _everywhere(tables, TEMPERATURE)
+    timed = _are_timed(tables, names | {*columns.labels, *(c.name for c in columns.numbers)})
     loaded = _payload_columns(tables, names)
     taken = {*names, *(name for number in columns.numbers for name in number.names)}
     taken |= {name for three in felt for name in three}
@@ -172,7 +174,7 @@ def read_samples(
     columns = replace(columns, position_sigma=weighed)
     parts = [
         replace(
-            _samples(table, joints, columns, with_direction, warm, loaded),
+            _samples(table, joints, columns, with_direction, warm, loaded, timed),
             felt={",".join(three): accelerations(table, three) for three in felt},
         )
         for table in tables
@@ -262,6 +264,7 @@ def _samples(
     with_direction: Collection[str],
     warm: bool,
     loaded: tuple[NumberColumn, ...],
+    timed: bool,
 ) -> Samples:
     oriented = columns.orientation == "required" or (
         columns.orientation == "optional" and has_rotations(table)
@@ -279,7 +282,9 @@ def _samples(
         temperature=_temperatures(table) if warm else None,
         position_sigma=position_sigmas(table) if columns.position_sigma else None,
         payload=_payloads(table, loaded) if loaded else None,
-        time=table.numbers(TIME, "a column time, in s, of a moving arm") if columns.time else None,
+        time=table.numbers(TIME, "a column time, in s, of a moving arm")
+        if columns.time or timed
+        else None,
     )
 
 
@@ -291,6 +296,16 @@ def _with_strokes(samples: Samples, table: CsvTable) -> Samples:
         for cell, origin in zip(cells, samples.origin, strict=True)
     ]
     return replace(samples, labels={**samples.labels, STROKE: np.array(strokes, dtype=np.str_)})
+
+
+def _are_timed(tables: Sequence[CsvTable], taken: Collection[str]) -> bool:
+    """Whether all rows have a time in s, as those of recordings do; a date of a touch is none."""
+    if TIME in taken or not all(TIME in table.columns for table in tables):
+        return False
+    try:
+        return all(np.isfinite(table.numbers(TIME, "s")).all() for table in tables)
+    except SamplesError:
+        return False
 
 
 def _payload_columns(tables: Sequence[CsvTable], joints: set[str]) -> tuple[NumberColumn, ...]:

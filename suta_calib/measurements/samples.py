@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, Final, Literal, TypeVar
+from typing import Any, Final, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -14,6 +14,7 @@ from suta_calib.arrays import BoolArray, FloatArray
 from suta_calib.display import Displayable
 from suta_calib.errors import SamplesError
 from suta_calib.geometry.numbers import are_rotations
+from suta_calib.geometry.travel import Said, travel_of
 from suta_calib.measurements.motion import Motion, TimedRows, motion_of
 from suta_calib.plotting.look import MOST_LABELLED
 from suta_calib.plotting.scene import PlacedPoints, Posable, Scene, drawn_rows
@@ -24,12 +25,10 @@ STROKE: Final = "stroke"
 Array = TypeVar("Array", bound=NDArray[Any])
 # What an arm may be, °C; kelvins are beyond.
 TEMPERATURES: Final = (-60.0, 150.0)
-# What is said of an arm beside its readings: `tilt` is what sensors of the arm make of `felt`.
-Told = Literal["direction", "warmth", "payload", "tilt"]
 # Attributes that have a row for each sample, where they are there at all.
 _BY_ROW: Final = (
     *("q", "position", "rotation", "pixels", "direction", "temperature", "payload"),
-    *("position_sigma", "time"),
+    *("position_sigma", "time", "travel"),
 )
 
 
@@ -60,6 +59,8 @@ class Samples(Displayable):
             ``base_ax,base_ay,base_az``; zeros where one has no reading.
         time: (n,) when each row was taken, s, on the clock of whoever read the joints; None where
             nobody says.
+        travel: (n, n_joints, `TURNS`) where each joint came from in its recording, as the
+            readings and the times tell (`travel_of`); None without times.
         motion: how the arm moved between the rows, where that has been asked for.
     """
 
@@ -77,6 +78,7 @@ class Samples(Displayable):
     payload: FloatArray | None = None
     felt: Mapping[str, FloatArray] = field(default_factory=dict)
     time: FloatArray | None = None
+    travel: FloatArray | None = None
     motion: Motion | None = None
 
     def __post_init__(self) -> None:
@@ -87,18 +89,20 @@ class Samples(Displayable):
         return len(self.q)
 
     @property
-    def conditions(self) -> dict[Told, FloatArray]:
+    def conditions(self) -> dict[Said, FloatArray]:
         """What is said of the arm beside its readings.
 
-        `direction`, K above 20 °C, (n, 1), and `payload`.
+        `direction`, K above 20 °C, (n, 1), `payload`, and `travel`, joint by joint side by side.
         """
-        found: dict[Told, FloatArray] = {}
+        found: dict[Said, FloatArray] = {}
         if self.direction is not None:
             found["direction"] = self.direction
         if self.temperature is not None:
             found["warmth"] = self.temperature[:, None] - REFERENCE_TEMPERATURE
         if self.payload is not None:
             found["payload"] = self.payload
+        if self.travel is not None:
+            found["travel"] = self.travel.reshape(len(self), -1)
         return found
 
     @classmethod
@@ -122,6 +126,8 @@ class Samples(Displayable):
     ) -> Samples:
         """Samples from copies of arrays, checked; shapes and units as the class's attributes.
 
+        With a time the rows are a recording in motion, in the order of the rows; where it goes
+        back, another one begins.
         Whether readings can be rad or m only the arm can say: `ArmPoses` refuses degrees,
         millimetres, and joints in another order than the arm's.
 
@@ -138,9 +144,11 @@ class Samples(Displayable):
         origin = () if origin is None else tuple(origin)
         if origin and len(origin) != n:
             raise SamplesError(f"{len(origin)} entries", f"{n}, one per row of q", where="origin")
+        readings = finite("q", q, (n, len(joints)))
+        times = None if time is None else finite("time", time, (n,))
         return cls(
             tuple(joints),
-            finite("q", q, (n, len(joints))),
+            readings,
             {name: _labels(name, values, n) for name, values in (labels or {}).items()},
             None if position is None else _positions(position, n),
             None if rotation is None else _rotations(rotation, n),
@@ -154,7 +162,8 @@ class Samples(Displayable):
             else positive("position_sigma", position_sigma, (n, 3)),
             payload=None if payload is None else _payloads(payload, n),
             felt={name: finite(name, v, (n, 3)) for name, v in (felt or {}).items()},
-            time=None if time is None else finite("time", time, (n,)),
+            time=times,
+            travel=None if times is None else _frozen(travel_of(readings, times)),
         )
 
     def scene(self, arm: Posable) -> Scene:
@@ -287,14 +296,16 @@ class Samples(Displayable):
         places = [joints.index(name) for name in self.joints]
 
         def wider(columns: FloatArray) -> FloatArray:
-            array = np.zeros((len(self), len(joints)))
+            array = np.zeros((len(self), len(joints), *columns.shape[2:]))
             array[:, places] = columns
             return _frozen(array)
 
-        direction = None if self.direction is None else wider(self.direction)
+        direction, travel = (
+            None if columns is None else wider(columns) for columns in (self.direction, self.travel)
+        )
         motion = self.motion and self.motion.over_joints(np.array(places), len(joints))
-        names = tuple(joints)
-        return replace(self, joints=names, q=wider(self.q), direction=direction, motion=motion)
+        wide = replace(self, q=wider(self.q), direction=direction, travel=travel)
+        return replace(wide, joints=tuple(joints), motion=motion)
 
     def take(self, index: ArrayLike | slice) -> Samples:
         """Rows by number (repeats allowed, as in a bootstrap), by boolean mask or by slice."""

@@ -11,12 +11,21 @@ far a joint turns for what its encoder reads:
 
     angle = (1 + gain) q + offset
             + c1 cos q + s1 sin q + c2 cos 2q + s2 sin 2q
-            + compliance · τ(q) - ½ backlash · d + Σ coupling[k] q_k
+            + ripple_c cos 2Nq + ripple_s sin 2Nq + compliance · τ(q)
+            + Σ (coupling[k] q_k + cable_c[k] cos q_k + cable_s[k] sin q_k)
+            - ½ backlash · d - hysteresis · h
 
-with q the reading, q_k that of another joint, τ the torque of gravity about the joint's axis
-(`gravity`), and d the direction of its last motion: 1 towards larger readings, -1 towards smaller
-ones, 0 where nobody says. A prismatic joint has the gain and couplings only. Any joint that moves
-bends: before its motion stands
+with q the reading, q_k that of another joint (of the cables' waves a neighbour), N the ratio of the
+joint's gear, τ the torque of gravity about the joint's axis (`gravity`), and d the direction of its
+last motion: 1 towards larger readings, -1 towards smaller ones, 0 where nobody says. In a recording
+in motion play and friction follow from the ways s₀, s₁, … that led to the reading
+(`geometry.travel`):
+
+    ½ backlash · d = sign(s₀) min(|s₀|, ½ backlash) + Σ sign(sₖ) min(|sₖ|, backlash)
+    h = ½ sign(s₀) (1 - exp(-2 |s₀| / decay)) + Σ sign(sₖ) (1 - exp(-|sₖ| / decay))
+
+A prismatic joint has gain, couplings, backlash and hysteresis only. Any joint that moves bends:
+before its motion stands
 
     exp(compliance_x τ_x(q) e_x + compliance_y τ_y(q) e_y)
 
@@ -27,9 +36,14 @@ counted turn or a scale that is not what it should be is a gain. An encoder disc
 axis, or a shaft that is bent, gives the first harmonic; a disc that is tilted or oval the second
 (Mooring, Roth, Driels, Fundamentals of Manipulator Calibration, 1991, chapter 2). Play between an
 encoder on the motor and the link is backlash: the link lags by half of it, on the side that the
-joint came from. Where a motor stands on an earlier link and drives its joint through a
-parallelogram, a belt or a hollow shaft, the joints in between turn it too: couplings, between
-joints that both turn or both slide.
+joint came from. Friction along a cable or in a bearing lets it lag too: the farther it has come
+since it turned, the more, in the end by half of its hysteresis (Dahl, A solid friction model, 1968;
+Ruderman, Hoffmann, Bertram, Modeling and identification of elastic robot joints with hysteresis and
+backlash, 2009). A strain wave gear errs twice with each turn of its wave generator, which turns N
+times with the joint (Tuttle, Seering, A nonlinear model of a harmonic drive gear transmission,
+1996). Where a motor stands on an earlier link and drives its joint through a parallelogram, a belt
+or a hollow shaft, the joints in between turn it too: couplings, between joints that both turn or
+both slide. A cable that runs about the axis of a neighbour is longer or shorter as that one turns.
 
 The Jacobian is written as the geometric Jacobian of every parameter (an axis through a point)
 rather than left to differentiation: a column then costs a cross product, not another walk along
@@ -50,20 +64,28 @@ import numpy as np
 
 from suta_calib.arrays import FloatArray
 from suta_calib.geometry.symbols import Symbol, symbolic_rotation
+from suta_calib.geometry.travel import TURNS, Said
 from suta_calib.model.chain import LoopJoints
 from suta_calib.model.gravity import Load, MovingFrame, gravity_torques
 from suta_calib.model.loop_kinematics import PlanarLoop, Reach
 from suta_calib.model.parameters import (
     BACKLASH,
     BENDING,
+    CABLE,
     COMPLIANCE,
+    DECAY,
     EXPANSION,
     GAIN,
+    GEAR_RATIO,
+    HYSTERESIS,
+    LEAST_DECAY,
     LINKS,
     MASS,
+    NOMINAL_DECAY,
     OFFSET,
     PLACEMENT,
     POSITION,
+    RIPPLE,
     ROTATION,
     SHARE,
     coupling_key,
@@ -71,8 +93,9 @@ from suta_calib.model.parameters import (
 from suta_calib.model.tilt import MOUNT, TURN, UP, TiltedLink
 
 Motion = Literal["revolute", "prismatic", "fixed"]
-# From which side joints came, how warm the arm was, what its tip carried, and how links leaned.
-Condition = Literal["direction", "warmth", "payload", "tilt"]
+# From which side joints came, how warm the arm was, what its tip carried, how links leaned, and how
+# joints moved.
+Condition = Said
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,6 +113,7 @@ class Segment:
             where it mimics none.
         climbed: whether the chain passes it from child to parent.
         others: the columns of the readings that may move it too, by the joint they are of.
+        neighbours: those of them whose cables may run about its axis, of joints that turn.
         passive: whether it has no encoder: a closed loop moves it.
     """
 
@@ -104,6 +128,7 @@ class Segment:
     climbed: bool = False
     others: Mapping[str, int] = field(default_factory=dict)
     passive: bool = False
+    neighbours: tuple[str, ...] = ()
 
     @property
     def keys(self) -> tuple[str, ...]:
@@ -138,6 +163,12 @@ class Segment:
     def couplings(self) -> dict[str, str]:
         """Names of its couplings, with the joint whose reading each of them takes."""
         return dict(zip(self.names(*map(coupling_key, self.others)), self.others, strict=True))
+
+    @property
+    def cables(self) -> tuple[str, ...]:
+        """Names of what its neighbours' cables do to it: the cosine and the sine of each."""
+        keys = (coupling_key(joint, key) for joint in self.neighbours for key in CABLE)
+        return tuple(self.names(*keys))
 
 
 # By passive joint: its angle, and what it turns per unit of each parameter.
@@ -210,6 +241,7 @@ class _Walk:
         # What is said of a sample beside its readings: a joint of which nothing is said is in the
         # middle of its play, and an arm at the temperature of its drawing.
         self.direction: Symbol | None = None
+        self.travel: Symbol | None = None
         self.warmth: Symbol | None = None
         # What sensors on links felt: links lean, by the owner of the segment that leads to them.
         self.felt: Symbol | None = None
@@ -401,6 +433,9 @@ class _Walk:
         for name, effect in self._beside_the_reading(segment, reading, q):
             amount += self.value(name) if effect is None else self.value(name) * effect
             effects[name] = effect
+        for much, slopes in self._beyond_linear(segment, reading):
+            amount += much
+            effects |= slopes
         spun, along = _spun()(self.rotation, axis, way * amount)
         turned = way * along
         self.note(effects, turned, point if turns else None)
@@ -438,7 +473,6 @@ class _Walk:
                 "ecc_c2": lambda: ca.cos(2 * reading),
                 "ecc_s2": lambda: ca.sin(2 * reading),
                 COMPLIANCE: lambda: self.torques[segment.owner][0],
-                BACKLASH: lambda: self._lost(segment),
             }
         for name, turn in zip(segment.names(*turns), turns.values(), strict=True):
             if self.matters(name):
@@ -446,12 +480,65 @@ class _Walk:
         for name, joint in segment.couplings.items():
             if self.matters(name):
                 yield name, q[segment.others[joint]]
+        waves = [
+            wave(q[segment.others[joint]])
+            for joint in segment.neighbours
+            for wave in (ca.cos, ca.sin)
+        ]
+        yield from (
+            pair for pair in zip(segment.cables, waves, strict=True) if self.matters(pair[0])
+        )
 
-    def _lost(self, segment: Segment) -> Symbol:
-        """What a joint lags behind its reading by, per unit of its backlash."""
-        if self.direction is None:
-            return ca.SX(0)
-        return -math.copysign(0.5, segment.multiplier) * self.direction[segment.column]
+    def _beyond_linear(
+        self, segment: Segment, reading: Symbol
+    ) -> Iterator[tuple[Symbol, dict[str, Symbol]]]:
+        """How far a joint turns for what is no factor, and its turn per unit of each parameter."""
+        if segment.passive:
+            return
+        backlash, hysteresis, decay = segment.names(BACKLASH, HYSTERESIS, DECAY)
+        travel = self._travel_of(segment)
+        if self.matters(backlash):
+            yield self._play(segment, backlash, travel)
+        if travel is not None and self.matters(hysteresis):
+            unit: Literal["m", "rad"] = "m" if segment.motion == "prismatic" else "rad"
+            least = LEAST_DECAY * NOMINAL_DECAY[unit]
+            way = ca.fmax(self.value(decay), least)
+            size = self.value(hysteresis)
+            by_size, by_way = _friction()(travel, way)
+            yield size * by_size, {hysteresis: by_size, decay: size * by_way}
+        ratio, *waves = segment.names(GEAR_RATIO, *RIPPLE)
+        if segment.motion == "revolute" and self.matters(ratio) and any(map(self.matters, waves)):
+            phase, (c, s) = 2 * self.value(ratio) * reading, map(self.value, waves)
+            cosine, sine = ca.cos(phase), ca.sin(phase)
+            by_ratio = 2 * reading * (s * cosine - c * sine)
+            slopes = dict(zip((*waves, ratio), (cosine, sine, by_ratio), strict=True))
+            yield c * cosine + s * sine, slopes
+
+    def _travel_of(self, segment: Segment) -> Symbol | None:
+        """(TURNS,) ways of the joint itself, where the samples are of a recording."""
+        if self.travel is None:
+            return None
+        first = TURNS * segment.column
+        return segment.multiplier * self.travel[first : first + TURNS]
+
+    def _play(
+        self, segment: Segment, name: str, travel: Symbol | None
+    ) -> tuple[Symbol, dict[str, Symbol]]:
+        """How far a joint lags behind its reading because of backlash; a column tells it first."""
+        width, told = self.value(name), None
+        if self.direction is not None:
+            direction = math.copysign(1.0, segment.multiplier) * self.direction[segment.column]
+            told = -0.5 * width * direction, -0.5 * direction
+        if travel is None:
+            lag, slope = told or (ca.SX(0), ca.SX(0))
+        else:
+            lag, slope = _play()(travel, width)
+            if told is not None:
+                lag, slope = (
+                    ca.if_else(direction == 0, own, stated)
+                    for own, stated in zip((lag, slope), told, strict=True)
+                )
+        return lag, {name: slope}
 
     def jacobian(self) -> Symbol:
         """(6, rows): linear over angular velocity of the tip in the base frame, per parameter."""
@@ -504,9 +591,9 @@ def forward_kinematics(
         jacobian (rows, 6))``, all dense, in the base frame. What is told are further inputs, in
         the order of ``conditions``: ``direction (readings)``; ``warmth (1)``, K; ``payload (4)``,
         the mass, kg, that the tip carries and its centre in the tip's frame, m; ``tilt (3 for each
-        of the tilted links)``, unit vectors, or zeros where nothing was felt. A row of the
-        Jacobian is the velocity of the tip's origin, then the angular velocity, for unit change of
-        that parameter.
+        of the tilted links)``, unit vectors, or zeros where nothing was felt; ``travel (readings ·
+        TURNS)``, the first joint's first. A row of the Jacobian is the velocity of the tip's
+        origin, then the angular velocity, for unit change of that parameter.
     """
     theta = ca.SX.sym("theta", len(names))
     moving = [s for s in segments if s.motion != "fixed"]
@@ -515,7 +602,7 @@ def forward_kinematics(
     inputs = {"theta": theta, "q": q}
     sizes: dict[Condition, int] = {
         **{"direction": q.numel(), "warmth": 1, "payload": 4},
-        "tilt": 3 * len(tilted),
+        **{"tilt": 3 * len(tilted), "travel": TURNS * q.numel()},
     }
     for name in conditions:
         inputs[name] = ca.SX.sym(name, sizes[name])
@@ -542,6 +629,7 @@ def forward_kinematics(
         down = still.top @ ca.DM(gravity)
         walk.torques = gravity_torques(still.frames, pulled, down, at_tip, moved)
     walk.direction, walk.warmth = inputs.get("direction"), inputs.get("warmth")
+    walk.travel = inputs.get("travel")
     if tilted and gravity is not None:
         walk.felt, walk.up = inputs.get("tilt"), ca.DM(-gravity / np.linalg.norm(gravity))
         walk.root_axes = ca.DM.eye(3) if root_axes is None else ca.DM(_snapped(root_axes))
@@ -637,6 +725,7 @@ def _reach(loop: ClosedLoop, walk: _Walk, q: Symbol) -> Reach:
     def reach(branch: int, angles: Symbol) -> tuple[dict[str, tuple[Symbol, Symbol]], Symbol]:
         along = _Walk([*walk.index], walk.theta, walk.nominal, rows=0)
         along.direction, along.warmth = walk.direction, walk.warmth
+        along.travel = walk.travel
         turned: Passive = {name: (angles[k], {}) for k, name in enumerate(loop.loop.passive)}
         along.passive = {**walk.passive, **turned}
         along.along(loop.branches[branch], q)
@@ -648,7 +737,8 @@ def _reach(loop: ClosedLoop, walk: _Walk, q: Symbol) -> Reach:
 
 def _close(loop: ClosedLoop, walk: _Walk, q: Symbol) -> None:
     """Tell a walk the angles of a loop's passive joints, and how they change with parameters."""
-    conditions = [c for c in (walk.direction, walk.warmth) if c is not None]
+    told = (walk.direction, walk.warmth, walk.travel)
+    conditions = [c for c in told if c is not None]
     reach = _reach(loop, walk, q)
     angles, slopes = loop.loop.solved(reach, walk.theta, [q, *conditions])
     for k, name in enumerate(loop.loop.passive):
@@ -705,6 +795,38 @@ def _leaned() -> Symbol:
         return ca.horzcat(*(ca.vertcat(s[2, 1], s[0, 2], s[1, 0]) for s in spins))
 
     return ca.Function("leaned", [shown, up, lean], [least, turns(shown), turns(lean)])
+
+
+@cache
+def _play() -> Symbol:
+    """CasADi function (travel (TURNS), width) → what a joint with play lags by, and its slope.
+
+    As much of the width, the other way, where that is below zero. Where the gap is crossed the lag
+    bends over a tenth of the width: steps that meet a corner in every other row would not settle.
+    """
+    travel, width, bend = ca.SX.sym("s", TURNS), ca.SX.sym("w"), 0.1
+    share = ca.DM([0.5] + [1.0] * (TURNS - 1))
+    way, limit, side = ca.fabs(travel), share * ca.fabs(width), ca.sign(travel)
+    beyond = way - limit
+    # A square root has a slope where it is zero, too.
+    rounded = ca.sqrt(beyond**2 + (bend * limit) ** 2 + 1e-24)
+    # What it takes to have no lag on no way.
+    more = 0.5 * (math.hypot(1.0, bend) - 1.0)
+    crossed = (0.5 * (way + limit - rounded) + more * limit) / (1.0 + more)
+    lag = ca.if_else(width < 0, 1.0, -1.0) * ca.sum1(side * crossed)
+    by_limit = (0.5 * (1.0 - (bend**2 * limit - beyond) / rounded) + more) / (1.0 + more)
+    return ca.Function("play", [travel, width], [lag, -ca.sum1(side * share * by_limit)])
+
+
+@cache
+def _friction() -> Symbol:
+    """CasADi function (travel (TURNS), decay) → lag per unit of hysteresis, and by the decay."""
+    travel, decay = ca.SX.sym("s", TURNS), ca.SX.sym("d")
+    share = ca.DM([0.5] + [1.0] * (TURNS - 1))
+    ways = ca.fabs(travel) / share / decay
+    fading, sides = ca.exp(-ways), -ca.sign(travel) * share
+    by_decay = ca.sum1(sides * -ways * fading) / decay
+    return ca.Function("friction", [travel, decay], [ca.sum1(sides * (1 - fading)), by_decay])
 
 
 @cache

@@ -38,16 +38,34 @@ BENDING: Final = ("compliance_x", "compliance_y")
 MASS: Final = "mass"
 GAIN: Final = "gain"
 BACKLASH: Final = "backlash"
+# How far a joint lags behind all in all, and the way after a reversal on which most of that builds.
+HYSTERESIS: Final = "hysteresis"
+DECAY: Final = "hysteresis_decay"
+# Of a reducer whose errors come twice with each turn of its input, and how often that turns.
+RIPPLE: Final = ("ripple_c", "ripple_s")
+GEAR_RATIO: Final = "gear_ratio"
 EXPANSION: Final = "expansion"
 # How far another joint's reading moves a joint too: a key for each of the others.
 COUPLING: Final = "coupling"
 # Where a link with a tilt sensor turns (`model.tilt`).
 SHARE: Final = "share"
+# The same of the cosine and the sine of a neighbour's reading, as of a cable about its pulley.
+CABLE: Final = ("cable_c", "cable_s")
 # Owner of what all links of an arm have in common.
 LINKS: Final = "links"
 # An eccentric encoder disc gives the first harmonic, a tilted or oval one the second.
 Family = Literal[
-    "ecc_1", "ecc_2", "compliance", "bending", "gain", "backlash", "expansion", "coupling"
+    "ecc_1",
+    "ecc_2",
+    "compliance",
+    "bending",
+    "gain",
+    "backlash",
+    "hysteresis",
+    "ripple",
+    "expansion",
+    "coupling",
+    "cable",
 ]
 FAMILIES: Final[dict[Family, tuple[str, ...]]] = {
     "ecc_1": ("ecc_c1", "ecc_s1"),
@@ -56,15 +74,20 @@ FAMILIES: Final[dict[Family, tuple[str, ...]]] = {
     "bending": BENDING,
     "gain": (GAIN,),
     "backlash": (BACKLASH,),
+    "hysteresis": (HYSTERESIS,),
+    "ripple": RIPPLE,
     "expansion": (EXPANSION,),
 }
 ECCENTRICITY: Final = (*FAMILIES["ecc_1"], *FAMILIES["ecc_2"])
 # How these keys begin: globs reach them only where they say so.
 _NONGEOMETRIC: Final = (
-    *("ecc", COMPLIANCE, MASS, GAIN, BACKLASH, EXPANSION, COUPLING),
+    *("ecc", COMPLIANCE, MASS, GAIN, BACKLASH, HYSTERESIS, "ripple", GEAR_RATIO, EXPANSION),
+    *(COUPLING, "cable"),
     # Of tilt sensors.
     *(SHARE, "turn", "mount", "up_"),
 )
+# What is no zero where nothing is wrong: what a joint carries, and sizes of what it may do.
+_SIZES: Final = (MASS, DECAY, GEAR_RATIO)
 # Lengths and angles of the size that moves the tip of a metre-long arm by a centimetre, and what
 # yields as much to the torque of a few kilograms, or grows as much in ten degrees; a tenth of such
 # a mass; a pixel; a share of a turn, or what bends a picture, by as much.
@@ -101,6 +124,11 @@ USUAL_GEOMETRY: Final[dict[Unit, float]] = {"m": 2e-3, "rad": from_deg(0.5)}
 LEAST_SIZE: Final = 1e-12
 # A degree of eccentricity, or of play, would be seen with the naked eye.
 PLAUSIBLE_ECCENTRICITY: Final = from_deg(1.0)
+# What a joint lags behind on cables may be seen; and so may the play of one that slides.
+PLAUSIBLE_LAG: Final[dict[Unit, float]] = {"rad": from_deg(5.0), "m": 2e-3}
+# Where a decay begins, and what it is not below: as far as that, friction is play.
+NOMINAL_DECAY: Final[dict[Unit, float]] = {"rad": from_deg(3.0), "m": 2e-3}
+LEAST_DECAY: Final = 0.01
 # Of a mass that a URDF states: cables, covers and screws are often left out of it.
 PLAUSIBLE_MASS: Final = 0.3
 
@@ -176,7 +204,7 @@ class Parameter:
         """Whether a URDF can hold this value of it, or has it already."""
         if self.key == SHARE:
             return False
-        return self.geometric or value == (self.nominal if self.key == MASS else 0.0)
+        return self.geometric or value == (self.nominal if self.key in _SIZES else 0.0)
 
     @property
     def scale(self) -> float:
@@ -190,10 +218,11 @@ class Parameter:
         half = math.inf if bound is None else bound
         # What cannot be beyond some value, as no mass is below zero, says how far off it may be.
         limited = math.isfinite(self.lower) or math.isfinite(self.upper)
-        stays = bound is None and (limited or is_base(self.owner))
+        stays = bound is None and (limited or is_base(self.owner) or self.key == DECAY)
+        least = LEAST_DECAY * NOMINAL_DECAY[self.unit] if self.key == DECAY else self.lower
         return replace(
             self,
-            lower=max(self.nominal - half, self.lower),
+            lower=max(self.nominal - half, least),
             upper=min(self.nominal + half, self.upper),
             prior=prior,
             plausible=self.plausible if stays else math.nan,
@@ -202,9 +231,9 @@ class Parameter:
         )
 
 
-def coupling_key(joint: str) -> str:
+def coupling_key(joint: str, key: str = COUPLING) -> str:
     """Of what the reading of ``joint`` does to the owner: ``coupling[joint_2]``."""
-    return f"{COUPLING}[{joint}]"
+    return f"{key}[{joint}]"
 
 
 class ParameterSet(Displayable, Mapping[str, Parameter]):
@@ -398,8 +427,9 @@ def _matches(
         expected = (
             "names like joint.offset, joint.x|y|z|rx|ry|rz, joint.gain, "
             "joint.ecc_c1|ecc_s1|ecc_c2|ecc_s2, joint.compliance, joint.compliance_x|compliance_y, "
-            "joint.mass, joint.backlash, joint.expansion, joint.coupling[joint], globs of them, "
-            "links.expansion, or 'geometric'"
+            "joint.mass, joint.backlash, joint.hysteresis|hysteresis_decay, "
+            "joint.ripple_c|ripple_s, joint.expansion, joint.coupling[joint], "
+            "joint.cable_c[joint]|cable_s[joint], globs of them, links.expansion, or 'geometric'"
         )
     raise ParameterError(problem, expected, line=row.line, where="parameters: select", hint=hint)
 

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Mapping
-from typing import cast
+from itertools import product
+from typing import Literal, cast
 
 import numpy as np
 import pinocchio as pin
@@ -13,17 +14,24 @@ from suta_calib.model.kinematics import Motion, Segment
 from suta_calib.model.parameters import (
     BACKLASH,
     BENDING,
+    CABLE,
     COMPLIANCE,
+    DECAY,
     ECCENTRICITY,
     EXPANSION,
     GAIN,
+    GEAR_RATIO,
+    HYSTERESIS,
     MASS,
+    NOMINAL_DECAY,
     OFFSET,
     PLAUSIBLE,
     PLAUSIBLE_BASE,
     PLAUSIBLE_ECCENTRICITY,
+    PLAUSIBLE_LAG,
     PLAUSIBLE_MASS,
     POSITION,
+    RIPPLE,
     ROTATION,
     Parameter,
     coupling_key,
@@ -58,14 +66,19 @@ def segment_of(
     couplings = {
         n: k for n, k in columns.items() if n != followed.joint and (n in sliding) == slides
     }
+    # Cables of a joint run about the axis of the next one.
+    place = columns.get(followed.joint, -2)
+    beside = tuple(n for n, k in couplings.items() if abs(k - place) == 1 and not slides)
+    moves = joint.moving and not joint.passive
     return Segment(
         *(owner, motion, origin.rotation, joint.xyz, axis),
         columns.get(followed.joint, 0),
         followed.multiplier,
         followed.offset,
         joint.climbed,
-        couplings if joint.moving and not joint.passive else {},
+        couplings if moves else {},
         joint.passive,
+        beside if moves else (),
     )
 
 
@@ -91,11 +104,22 @@ def nongeometric_parameters(segment: Segment, mass: float = 0.0) -> Iterator[Par
         yield Parameter(segment.owner, GAIN, "1")
         for joint in segment.others:
             yield Parameter(segment.owner, coupling_key(joint), "1")
+        unit: Literal["m", "rad"] = "m" if segment.motion == "prismatic" else "rad"
+        play = {"rad": PLAUSIBLE_ECCENTRICITY, "m": PLAUSIBLE_LAG["m"]}[unit]
+        yield Parameter(segment.owner, BACKLASH, unit, plausible=play)
+        yield Parameter(segment.owner, HYSTERESIS, unit, plausible=PLAUSIBLE_LAG[unit])
+        decay = NOMINAL_DECAY[unit]
+        yield Parameter(segment.owner, DECAY, unit, decay, plausible=6.0 * decay)
     if segment.read and segment.motion == "revolute":
         for key in ECCENTRICITY:
             yield Parameter(segment.owner, key, "rad", plausible=PLAUSIBLE_ECCENTRICITY)
         yield Parameter(segment.owner, COMPLIANCE, "rad/Nm")
-        yield Parameter(segment.owner, BACKLASH, "rad", plausible=PLAUSIBLE_ECCENTRICITY)
+        for key in RIPPLE:
+            yield Parameter(segment.owner, key, "rad", plausible=PLAUSIBLE_ECCENTRICITY)
+        yield Parameter(segment.owner, GEAR_RATIO, "1")
+        for joint, key in product(segment.neighbours, CABLE):
+            name = coupling_key(joint, key)
+            yield Parameter(segment.owner, name, "rad", plausible=PLAUSIBLE_LAG["rad"])
     if segment.read:
         for key in BENDING:
             yield Parameter(segment.owner, key, "rad/Nm")

@@ -26,7 +26,7 @@ from suta_calib.trust.extended_problem import (
     effective_unknowns,
     extended_problem,
     known_beforehand,
-    offered_names,
+    offered_beside,
 )
 from suta_calib.trust.external_poses import ExternalPose, external_poses
 from suta_calib.trust.held_out import HeldOutErrors, held_out_errors, widening
@@ -70,7 +70,7 @@ class CalibrationExamination(Examination):
     @cached_property
     def _beside(self) -> tuple[Problem, FloatArray]:
         assert self.arm is not None
-        names = [name for group in offered_names(self.arm).values() for name in group]
+        names = [name for group in offered_beside(self.solution.problem).values() for name in group]
         return extended_problem(self.solution, names)
 
     @property
@@ -88,7 +88,9 @@ class CalibrationExamination(Examination):
         """Indices of the unknowns of `problem` that follow an effect: all but the offered."""
         assert self.arm is not None
         fitted = self.solution.problem.parameters
-        offered = {name for group in offered_names(self.arm).values() for name in group}
+        offered = {
+            name for group in offered_beside(self.solution.problem).values() for name in group
+        }
         names = enumerate(self.problem.names)
         return np.array([k for k, n in names if n in fitted or n not in offered], dtype=np.intp)
 

@@ -3,7 +3,9 @@
 Whole placements are left out, because the postures at one placement resemble each other: what was
 learnt at some of them would seem to hold at the rest (leave-one-group-out; Hastie, Tibshirani,
 Friedman, The Elements of Statistical Learning, section 7.10). Where there are fewer than three
-placements, or none, whole touches are left out, repeats together.
+placements, or none, whole touches are left out, repeats together. Of a recording in motion whole
+stretches of time are: rows that follow one another share what drifts, and what is learnt from one
+would seem to hold of the next (Roberts et al. 2017, doi:10.1111/ecog.02881).
 """
 
 from __future__ import annotations
@@ -124,7 +126,7 @@ class ModelCandidate(Displayable):
 
 
 def folds_of(terms: Sequence[Term], seed: int = 0) -> tuple[Fold, ...]:
-    """Split the samples of all terms; at random what has no placements.
+    """Split the samples of all terms; what has no placements by time, or else at random.
 
     Raises:
         SamplesError: too few placements and touches to leave any out.
@@ -135,12 +137,16 @@ def folds_of(terms: Sequence[Term], seed: int = 0) -> tuple[Fold, ...]:
     by_placement = len(placements) >= fewest_placements
     most_folds = 10
     folds_of_touches = 5
+    moving = any(_moves(term) for term in terms)
     count = min(len(placements), most_folds) if by_placement else folds_of_touches
+    if moving and not by_placement:
+        count = most_folds
     rng = np.random.default_rng(seed)
     number = [_fold_numbers(t, placements if by_placement else [], count, rng) for t in terms]
     folds = []
     for k in range(count):
-        label = ", ".join(placements[k::count]) if by_placement else f"part {k + 1}"
+        part = f"stretch {k + 1} of the recordings" if moving else f"part {k + 1}"
+        label = ", ".join(placements[k::count]) if by_placement else part
         training = tuple(t.take(n != k) for t, n in zip(terms, number, strict=True))
         held_out = {}
         for row, (term, numbers) in enumerate(zip(terms, number, strict=True)):
@@ -160,6 +166,11 @@ def folds_of(terms: Sequence[Term], seed: int = 0) -> tuple[Fold, ...]:
     return tuple(folds)
 
 
+def _moves(term: Term) -> bool:
+    """Whether its rows are of a recording in motion; an arm rests where it touches."""
+    return term.medium != "touch" and term.poses.samples.time is not None
+
+
 def _fold_numbers(
     term: Term, placements: Sequence[str], count: int, rng: np.random.Generator
 ) -> IntArray:
@@ -168,6 +179,8 @@ def _fold_numbers(
         order = {name: k % count for k, name in enumerate(placements)}
         return np.array([order[str(p)] for p in labels["placement"]], dtype=np.intp)
     touch = term.clusters
+    if _moves(term):
+        return np.asarray(np.arange(len(touch)) * count // len(touch), dtype=np.intp)
     numbers = np.arange(int(touch.max()) + 1) % count
     return np.asarray(rng.permutation(numbers)[touch], dtype=np.intp)
 

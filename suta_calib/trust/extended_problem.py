@@ -6,18 +6,28 @@ an eccentric encoder.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import Final
 
 import numpy as np
 
 from suta_calib.arrays import FloatArray
 from suta_calib.errors import UrdfError
-from suta_calib.model.parameters import COMPLIANCE, COUPLING, FAMILIES, OFFSET, Family, ParameterSet
+from suta_calib.model.parameters import (
+    CABLE,
+    COMPLIANCE,
+    COUPLING,
+    FAMILIES,
+    GEAR_RATIO,
+    OFFSET,
+    Family,
+    ParameterSet,
+)
 from suta_calib.model.robot import AnyArm
 from suta_calib.solver.information import robust_curvature, whitened_rows
 from suta_calib.solver.problem import Problem
 from suta_calib.solver.solution import Solution
+from suta_calib.terms import Term
 
 LOOKS_LIKE: Final[dict[Family, str]] = {
     "ecc_1": "an eccentric encoder",
@@ -26,8 +36,11 @@ LOOKS_LIKE: Final[dict[Family, str]] = {
     "bending": "a link or bearing that bends under gravity",
     "gain": "a reading with a wrong scale factor",
     "backlash": "backlash",
+    "hysteresis": "a joint that lags behind by friction",
+    "ripple": "the ripple of a strain wave gear",
     "expansion": "thermal expansion",
     COUPLING: "a joint that another joint's motor moves too",
+    "cable": "a joint whose cables run about the axis of its neighbour",
 }
 
 
@@ -48,16 +61,37 @@ def neighbours(arm: AnyArm) -> dict[str, tuple[str, str]]:
     return pairs
 
 
-def offered_names(arm: AnyArm) -> dict[tuple[str, Family], tuple[str, ...]]:
+def causes(family: Family, names: Sequence[str]) -> list[tuple[str, ...]]:
+    """Names of a family's parameters by cause: each other joint that moves this one is its own."""
+    size = {COUPLING: 1, "cable": len(CABLE)}.get(family, len(names))
+    return [tuple(names[k : k + size]) for k in range(0, len(names), size or 1)]
+
+
+def recorded(terms: Iterable[Term]) -> bool:
+    """Whether some samples are rows of recordings in motion, which tell what joints remember.
+
+    An arm rests where it touches, and how it came there is not seen.
+    """
+    return any(t.medium != "touch" and t.poses.samples.travel is not None for t in terms)
+
+
+def offered_names(
+    arm: AnyArm, *, in_motion: bool = False
+) -> dict[tuple[str, Family], tuple[str, ...]]:
     """Names by joint and family that this arm can be given; no compliance without masses.
 
-    Of couplings those of `neighbours`.
+    Of couplings those of `neighbours`; hysteresis and cables where rows are of recordings in
+    motion: the postures of touches are too few to tell a cable from a bent link.
     """
     offered: dict[tuple[str, Family], tuple[str, ...]] = {}
     for joint in dict.fromkeys(p.owner for p in arm.nongeometric.values()):
         for family, keys in FAMILIES.items():
             names = tuple(f"{joint}.{key}" for key in keys)
             if not all(name in arm.nongeometric for name in names):
+                continue
+            if family == "hysteresis" and not in_motion:
+                continue
+            if family == "ripple" and not arm.nongeometric[f"{joint}.{GEAR_RATIO}"].nominal:
                 continue
             if family in (COMPLIANCE, "bending"):
                 try:
@@ -67,7 +101,15 @@ def offered_names(arm: AnyArm) -> dict[tuple[str, Family], tuple[str, ...]]:
             offered[joint, family] = names
     for name, (joint, _) in neighbours(arm).items():
         offered[joint, COUPLING] = (*offered.get((joint, COUPLING), ()), name)
+    if in_motion:
+        offered |= {(s.owner, "cable"): s.cables for s in arm.movers if s.cables}
     return offered
+
+
+def offered_beside(problem: Problem) -> dict[tuple[str, Family], tuple[str, ...]]:
+    """`offered_names` of a problem's arm, as its samples were taken."""
+    assert problem.arm is not None
+    return offered_names(problem.arm, in_motion=recorded(problem.terms))
 
 
 def extended_problem(

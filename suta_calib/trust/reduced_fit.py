@@ -19,7 +19,7 @@ from suta_calib.solver.losses import huber_threshold
 from suta_calib.solver.problem import Problem
 from suta_calib.terms.term import Term
 from suta_calib.trust.examination import Examination, by_motion, chain_of_rows, samples_of
-from suta_calib.trust.extended_problem import known_beforehand, offered_names
+from suta_calib.trust.extended_problem import known_beforehand, offered_beside
 from suta_calib.trust.held_out import robust_level
 from suta_calib.trust.linear_fit import LinearFit, RobustStep
 
@@ -79,13 +79,13 @@ def everything_follows(answer: Examination) -> ReducedFit:
     place = {name: k for k, name in enumerate(problem.names)}
     offered = {
         key: np.array([place[n] for n in names if n not in solution.problem.parameters], np.intp)
-        for key, names in offered_names(arm).items()
+        for key, names in offered_beside(problem).items()
     }
     stays = np.concatenate([*offered.values(), np.zeros(0, dtype=np.intp)])
     follows = np.setdiff1d(np.arange(len(x)), stays)
     # A gain is the travel of an encoder, which is looked for as such. Couplings of neighbours are
     # a cause of their own (`trust.hypotheses.coupling`).
-    elsewhere = ("gain", COUPLING)
+    elsewhere = ("gain", COUPLING, "cable")
     lacking = {key: at for key, at in offered.items() if len(at) and key[1] not in elsewhere}
     # The job's priors pull where the job's fit has ended.
     away = np.where(problem.prior_precision() > 0, x - problem.parameters.array("nominal"), 0.0)

@@ -24,7 +24,7 @@ from scipy.special import fdtrc
 
 from suta_calib.arrays import FloatArray, IntArray
 from suta_calib.display import Displayable
-from suta_calib.model.parameters import COUPLING, Family
+from suta_calib.model.parameters import Family
 from suta_calib.solver.identifiability import WEAK
 from suta_calib.solver.information import scaled_inverse
 from suta_calib.solver.problem import Problem
@@ -32,7 +32,7 @@ from suta_calib.solver.solution import Solution
 from suta_calib.threads import single_threaded
 from suta_calib.trust.evidence import TELLING, Effect, weigh_effects
 from suta_calib.trust.examination import Examination
-from suta_calib.trust.extended_problem import offered_names
+from suta_calib.trust.extended_problem import causes, offered_beside
 from suta_calib.trust.linear_fit import LinearFit
 
 
@@ -139,8 +139,7 @@ class Residuals:
         effects = [
             Effect(f"{joint} {family}", self._columns[:, at], about=(joint, family, tuple(telling)))
             for (joint, family), names in self._groups.items()
-            # Each coupling is a cause of its own; the two waves of a harmonic are one.
-            for group in ([[n] for n in names] if family == COUPLING else [names])
+            for group in causes(family, names)
             if (telling := self.telling_names(group))
             for at in [self._places(telling)]
         ]
@@ -186,7 +185,7 @@ class Residuals:
         assert self.problem.arm is not None
         return {
             key: tuple(n for n in names if n not in self.fitted)
-            for key, names in offered_names(self.problem.arm).items()
+            for key, names in offered_beside(self.problem).items()
         }
 
     @cached_property

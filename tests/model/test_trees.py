@@ -19,15 +19,27 @@ from simulated import random_readings
 from two_arms import ROBOT
 
 from suta_calib.errors import SamplesError, UrdfError
+from suta_calib.geometry.travel import TURNS
 from suta_calib.measurements.sample_files import SampleColumns, read_samples
 from suta_calib.model.arm import ArmModel
 from suta_calib.model.chain import ChainJoint, Mimic, read_chain
 from suta_calib.model.kinematics import Segment
-from suta_calib.model.parameters import BENDING, COMPLIANCE, GAIN, MASS, coupling_key
+from suta_calib.model.parameters import (
+    BACKLASH,
+    BENDING,
+    COMPLIANCE,
+    DECAY,
+    GAIN,
+    GEAR_RATIO,
+    HYSTERESIS,
+    MASS,
+    coupling_key,
+)
 from suta_calib.terms.poses import joint_ranges
 
-# Numbers of a written URDF are rounded to 1e-12 m or rad; along a chain that adds up.
-WRITTEN = 1e-11
+# Numbers of a written URDF are rounded to 1e-12 m or rad; along a chain that adds up, and heavy
+# links bend it by ten times as much.
+WRITTEN = 4e-11
 
 LINKS = 9
 TYPES = ("revolute", "continuous", "prismatic", "fixed")
@@ -145,15 +157,23 @@ def test_random_trees_are_pinocchios(scratch: Path, seed: int, mimics: bool) -> 
     except UrdfError:
         reject()  # only fixed joints between the two
     values = {n: p.nominal + 0.1 * rng.standard_normal() for n, p in arm.parameters.items()}
+    sizes = {MASS: (1.0, 2.0), DECAY: (0.5, 2.0)}
+    # No play is as wide as a way is long: there it has no derivative.
+    spreads = {GEAR_RATIO: 3.0, BACKLASH: rng.choice([1e-4, 0.5])}
     beside = {
-        n: p.nominal * rng.uniform(1.0, 2.0) if p.key == MASS else 0.02 * rng.standard_normal()
+        n: p.nominal * rng.uniform(*sizes[p.key])
+        if p.key in sizes
+        else spreads.get(p.key, 0.02) * rng.standard_normal()
         for n, p in arm.nongeometric.items()
     }
     q = random_readings(arm, rng, 3)
+    signs = np.resize([1.0, -1.0], TURNS)
+    travel = rng.uniform(-0.05, 0.05, (*q.shape, 1)) * signs / np.arange(1, TURNS + 1)
     payload = np.array([[0.0, 0, 0, 0], [2.0, 0.1, -0.2, 0.3], [5.0, 0.3, 0.1, -0.2]])
     # The URDF written back holds the geometry; the errors that no URDF holds move the joints.
-    poses = arm.forward(q, values | beside, {"payload": payload})
-    for row, load, R, p in zip(q, payload, *poses, strict=True):
+    beside_readings = {"payload": payload, "travel": travel.reshape(len(q), -1)}
+    poses = arm.forward(q, values | beside, beside_readings)
+    for row, load, came, R, p in zip(q, payload, travel, *poses, strict=True):
         # Gravity pulls at the links as drawn, turned by readings, offsets and couplings.
         offsets = {n: v for n, v in values.items() if n in arm.offsets}
         nominal, told = (Reference(arm.calibrated_urdf(v), arm) for v in (offsets, values))
@@ -162,12 +182,13 @@ def test_random_trees_are_pinocchios(scratch: Path, seed: int, mimics: bool) -> 
         torques = nominal.torques(row, _coupled(arm, row, beside))
         told.bend({s.owner: _bent(s, torques[s.owner], beside) for s in arm.movers})
         own = {s.owner: float(torques[s.owner] @ s.axis) for s in arm.movers}
-        expected = told.pose(row, _turns(arm, row, beside, own))
+        expected = told.pose(row, _turns(arm, row, came, beside, own))
         np.testing.assert_allclose(R, expected.rotation, rtol=0, atol=WRITTEN)
         np.testing.assert_allclose(p, expected.translation, rtol=0, atol=WRITTEN)
     names = [*values, *beside]
     theta = np.array([*values.values(), *beside.values()])
-    function, row = arm.function(names, ("payload",)), (q[1], payload[1])
+    function = arm.function(names, (*beside_readings,))
+    row = q[1], *(numbers[1] for numbers in beside_readings.values())
     R, _, jacobian = (np.array(a) for a in function(theta, *row))
     # Of the fourth order: what heavy links bend by changes fast.
     size, weights = 2e-6, {-2: 1 / 12, -1: -2 / 3, 1: 2 / 3, 2: -1 / 12}
@@ -189,14 +210,21 @@ def _bent(segment: Segment, torque: np.ndarray, beside: Mapping[str, float]) -> 
 
 
 def _turns(
-    arm: ArmModel, q: np.ndarray, beside: Mapping[str, float], torques: Mapping[str, float]
+    arm: ArmModel,
+    q: np.ndarray,
+    travel: np.ndarray,
+    beside: Mapping[str, float],
+    torques: Mapping[str, float],
 ) -> dict[str, float]:
     """By joint, how far errors that are no geometry move it, by their definition."""
-    found = _coupled(arm, q, beside)
+    found = _coupled(arm, q, beside, more=True)
     for joint in arm.chain.joints:
         if joint.moving:
             own = _reading(arm, joint, q)
+            phase = 2 * beside.get(f"{joint.name}.{GEAR_RATIO}", 0.0) * own
             waves = {
+                "ripple_c": math.cos(phase),
+                "ripple_s": math.sin(phase),
                 GAIN: own,
                 "ecc_c1": math.cos(own),
                 "ecc_s1": math.sin(own),
@@ -206,16 +234,49 @@ def _turns(
             }
             of = {key: beside.get(f"{joint.name}.{key}", 0.0) for key in waves}
             found[joint.name] += sum(of[key] * wave for key, wave in waves.items())
+            found[joint.name] -= _lag(arm, joint, travel, beside)
     return found
 
 
-def _coupled(arm: ArmModel, q: np.ndarray, beside: Mapping[str, float]) -> dict[str, float]:
-    """By joint, how far the readings of others move it."""
+def _lag(
+    arm: ArmModel, joint: ChainJoint, travel: np.ndarray, beside: Mapping[str, float]
+) -> float:
+    """How far a joint lags behind its reading: by its play, and by its hysteresis."""
+    mimic = joint.mimic or Mimic(joint.name, 1.0, 0.0)
+    own = mimic.multiplier * travel[arm.joints.index(mimic.joint)]
+    width, size, decay = (beside[f"{joint.name}.{key}"] for key in (BACKLASH, HYSTERESIS, DECAY))
+    lag = 0.0
+    for k, way in enumerate(own):
+        # The first one began in the middle, and ends at half of it.
+        share = 0.5 if k == 0 else 1.0
+        play = math.copysign(_crossed(abs(way), share * abs(width)), width)
+        rubbed = share * size * (1 - math.exp(-abs(way) / share / decay))
+        lag += math.copysign(1.0, way) * (play + rubbed)
+    return lag
+
+
+def _crossed(way: float, limit: float) -> float:
+    """How far a gap is crossed: the lesser of both, rounded over a tenth of the gap."""
+    lesser, none = (0.5 * (x + limit - math.hypot(x - limit, 0.1 * limit)) for x in (way, 0.0))
+    return (lesser - none) * limit / (limit - none)
+
+
+def _coupled(
+    arm: ArmModel, q: np.ndarray, beside: Mapping[str, float], more: bool = False
+) -> dict[str, float]:
+    """By joint, how far the readings of others move it; more of it than gravity knows."""
     readings = dict(zip(arm.joints, q.tolist(), strict=True))
+    waves = {"cable_c": math.cos, "cable_s": math.sin}
     return {
         joint.name: sum(
             beside.get(f"{joint.name}.{coupling_key(other)}", 0.0) * reading
             for other, reading in readings.items()
+        )
+        + more
+        * sum(
+            beside.get(f"{joint.name}.{coupling_key(other, key)}", 0.0) * wave(reading)
+            for other, reading in readings.items()
+            for key, wave in waves.items()
         )
         for joint in arm.chain.joints
         if joint.moving

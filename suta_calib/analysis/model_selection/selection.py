@@ -1,11 +1,12 @@
 """Chooses errors beside the geometry to estimate: those that improve left-out predictions.
 
 More unknowns always fit better; they are worth having if placements that were left out are
-predicted better (`cross_validation`). A model outdoes another if its held-out error is smaller by
-more than one standard error of the difference over the folds (the one-standard-error rule, paired;
-Breiman et al. 1984, section 3.4.3), by 2 % of the variance at least, and in four of five folds. The
-best of many that are tried is lucky: unless the residuals alone prove it (`residual_tests`:
-suspicious, or p below 5 % for all tests together), it needs three standard errors.
+predicted better, or stretches of a recording in motion (`cross_validation`). A model outdoes
+another if its held-out error is smaller by more than one standard error of the difference over the
+folds (the one-standard-error rule, paired; Breiman et al. 1984, section 3.4.3), by 2 % of the
+variance at least, and in four of five folds. The best of many that are tried is lucky: unless the
+residuals alone prove it (`residual_tests`: suspicious, or p below 5 % for all tests together), it
+needs three standard errors.
 
 The search goes forward, from the job's unknowns and from all of the geometry, for as long as
 anything outdoes what there is: one joint and family at a time, or a family of all joints at once,
@@ -19,6 +20,7 @@ is fitted anew, and cross-validated about its own fit.
 
 from __future__ import annotations
 
+from collections import defaultdict
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, Final
@@ -27,7 +29,15 @@ from suta_calib.arguments import checked
 from suta_calib.assessment import Assessment, judged
 from suta_calib.display import Displayable
 from suta_calib.errors import ParameterError, SamplesError
-from suta_calib.model.parameters import COUPLING, PLAUSIBLE, Family, ParameterSet, Selection
+from suta_calib.model.parameters import (
+    COUPLING,
+    DECAY,
+    HYSTERESIS,
+    PLAUSIBLE,
+    Family,
+    ParameterSet,
+    Selection,
+)
 from suta_calib.model.robot import AnyArm
 from suta_calib.solver.options import SolverOptions
 from suta_calib.solver.problem import Problem
@@ -38,7 +48,7 @@ from suta_calib.threads import single_threaded
 from suta_calib.trust.assessment import assess_calibration
 from suta_calib.trust.calibration_examination import CalibrationExamination
 from suta_calib.trust.cross_validation import Fold, ModelCandidate, folds_of, limited_rms
-from suta_calib.trust.extended_problem import offered_names
+from suta_calib.trust.extended_problem import causes, offered_names, recorded
 from suta_calib.trust.linearised import LinearModels, ModelFit
 from suta_calib.trust.score_tests import Residuals, ScoreTest
 from suta_calib.units import Unit, text
@@ -60,9 +70,22 @@ EVERY_JOINT: Final[dict[tuple[Family, ...], str]] = {
     ("backlash",): "backlash, all joints",
     ("ecc_1", "ecc_2", "compliance"): "harmonics and compliance, all joints",
 }
-SHORT: Final[dict[Family, str]] = {"ecc_1": "first harmonic", "ecc_2": "second harmonic"}
+# The same in recordings in motion, which tell where each joint came from.
+IN_MOTION: Final[dict[tuple[Family, ...], str]] = {
+    ("hysteresis",): "hysteresis, all joints",
+    ("backlash", "hysteresis"): "backlash and hysteresis, all joints",
+    ("coupling",): "couplings of neighbours, all joints",
+    ("cable",): "cables of neighbours, all joints",
+    ("coupling", "cable"): "couplings and cables of neighbours, all joints",
+}
+SHORT: Final[dict[Family, str]] = {
+    "ecc_1": "first harmonic",
+    "ecc_2": "second harmonic",
+    "cable": "cables of a neighbour",
+}
 # How a row of parameters says what is plausible, by its unit.
 BOUNDS: Final[dict[Unit, str]] = {
+    "m": "bound_m",
     "rad": "bound_rad",
     "rad/Nm": "bound_rad_per_nm",
     "kg": "bound_kg",
@@ -293,6 +316,15 @@ class _Search:
             raise ParameterError("no arm with a revolute joint", "one", where="observations")
         return arm
 
+    @property
+    def _recorded(self) -> bool:
+        return recorded(self.terms)
+
+    @property
+    def offered(self) -> dict[tuple[str, Family], tuple[str, ...]]:
+        """What the arm can be given, by joint and family."""
+        return offered_names(self.arm, in_motion=self._recorded)
+
     def start(self, name: str, *, geometry: bool) -> ModelCandidate | None:
         """One of the two starts, fitted; None if it cannot be, or has no unknown more."""
         unknown = self._unknown(geometry, ())
@@ -339,8 +371,8 @@ class _Search:
         linear, current = self._linearised[start.geometry], end
         groups = [
             set(parts)
-            for (_, family), names in offered_names(self.arm).items()
-            for parts in ([[n] for n in names] if family == COUPLING else [names])
+            for (_, family), names in self.offered.items()
+            for parts in causes(family, names)
         ]
         while True:
             more = [n for n in current.added if n not in start.added]
@@ -367,19 +399,29 @@ class _Search:
         """
         if chosen.name in self.solutions:
             return chosen, self.solutions[chosen.name]
-        solution = self._fitted(chosen.parameters)
+        # On what way a joint's friction builds up no model that is linear about none can say.
+        fading = self._decays(chosen.added)
+        solution = self._fitted(self._unknown(chosen.geometry, (*chosen.added, *fading)))
         if solution is None:
             return start, self.solutions[start.name]
         estimates = solution.estimates
-        new = [n for n in chosen.added if n not in start.added]
+        new = [n for n in (*chosen.added, *fading) if n not in start.added]
         if untold := {n for n in new if estimates[n].std is None}:
             self.untold |= untold
+            if untold <= {*fading}:
+                return self.refitted(chosen, start)
             del self.tried[chosen.name]
             return None
         self.solutions[chosen.name] = solution
         linear = LinearModels(CalibrationExamination.of(solution), self.folds, self._noise)
         base = self._candidate(chosen.name, chosen.geometry, linear, linear.fit())
         return self._noted(base), solution
+
+    def _decays(self, added: Iterable[str]) -> list[str]:
+        """Of the joints whose hysteresis is among these names; those that a fit could not tell."""
+        offered = self.arm.offered
+        owners = [offered[n].owner for n in added if offered[n].key == HYSTERESIS]
+        return [n for n in (f"{owner}.{DECAY}" for owner in owners) if n not in self.untold]
 
     def _steps(self, left: Residuals) -> Iterator[_Extension]:
         """What the residuals of a model make worth a try."""
@@ -393,14 +435,14 @@ class _Search:
             proven = test.suspicious or test.p < PROVEN
             # There are two for each pair of neighbours: of 12 sound sets one was given a coupling
             # that the residuals do not prove.
-            if test.family == COUPLING and not proven:
+            if test.family in (COUPLING, "cable") and not proven:
                 continue
             name = f"{test.joint} {SHORT.get(test.family, test.family)}"
             yield _Extension(name, test.names, 1.0 if proven else UNPROVEN)
         if not self.families:
             return
-        offered = offered_names(self.arm)
-        for families, name in EVERY_JOINT.items():
+        offered, at_once = self.offered, EVERY_JOINT | (IN_MOTION if self._recorded else {})
+        for families, name in at_once.items():
             tellable = left.telling_names(
                 n
                 for (_, f), names_of_joint in offered.items()
@@ -410,7 +452,7 @@ class _Search:
             names = tuple(n for n in tellable if n not in self.untold)
             joints = {n for test in tests for n in test.names} & set(names)
             if len(joints) > 2:
-                p = (len(tests) + len(EVERY_JOINT)) * left.chance(names)
+                p = (len(tests) + len(at_once)) * left.chance(names)
                 yield _Extension(name, names, 1.0 if p < PROVEN else UNPROVEN)
 
     def _noted(self, candidate: ModelCandidate) -> ModelCandidate:
@@ -448,11 +490,13 @@ def _added(parameters: ParameterSet) -> tuple[str, ...]:
 
 
 def _rows(arm: AnyArm | None, names: Sequence[str]) -> tuple[Selection, ...]:
-    """Rows that select these, within what is plausible: one for each unit."""
+    """Rows that select these, within what is plausible: one for each size of it."""
     assert arm is not None
-    rows = []
-    for unit, bound in BOUNDS.items():
-        if of_unit := tuple(n for n in names if arm.offered[n].unit == unit):
-            plausible: dict[str, Any] = {bound: arm.offered[of_unit[0]].plausible}
-            rows.append(Selection(of_unit, **plausible))
+    rows, order = [], [*BOUNDS]
+    alike = defaultdict[tuple[Unit, float], list[str]](list)
+    for name in names:
+        alike[arm.offered[name].unit, arm.offered[name].plausible].append(name)
+    for (unit, plausible), of_unit in sorted(alike.items(), key=lambda row: order.index(row[0][0])):
+        bound: dict[str, Any] = {BOUNDS[unit]: plausible}
+        rows.append(Selection(tuple(of_unit), **bound))
     return tuple(rows)

@@ -7,7 +7,7 @@ import numpy as np
 
 from suta_calib.model.parameters import COUPLING
 from suta_calib.trust import AddedVariable, Effect, Evidence, Examination, SpoiltData, Truth
-from suta_calib.trust.extended_problem import LOOKS_LIKE, offered_names
+from suta_calib.trust.extended_problem import LOOKS_LIKE, offered_beside
 from suta_calib.trust.simulated_faults import arm_of, with_columns
 
 
@@ -23,9 +23,9 @@ class JointError(AddedVariable):
         fitted = answer.solution.problem.parameters
         place = {name: k for k, name in enumerate(answer.problem.names)}
         plausible = answer.problem.parameters.array("plausible")
-        for (joint, family), offered in offered_names(answer.arm).items():
+        for (joint, family), offered in offered_beside(answer.problem).items():
             at = [place[name] for name in offered if name in place and name not in fitted]
-            if not at or family == COUPLING:
+            if not at or family in (COUPLING, "cable"):
                 continue
             columns = np.vstack([r.jacobian[:, at] for r in answer.rows])
             names = tuple(answer.problem.names[k] for k in at)
