@@ -39,6 +39,7 @@ from suta_calib.model.arm import ArmModel
 from suta_calib.model.cell import within
 from suta_calib.model.loop import Loop
 from suta_calib.model.parameters import (
+    GEAR_RATIO,
     POSITION,
     ROTATION,
     Selection,
@@ -283,6 +284,58 @@ class Couplings:
         return arm.at(self.values)
 
 
+@dataclass(frozen=True)
+class GearRatios:
+    """How often the inputs of strain wave gears turn with their joints, where that is known.
+
+    They are nominal values of ``joint.gear_ratio``: ``joint.ripple_c`` and ``joint.ripple_s`` come
+    twice with each of these turns.
+
+    Attributes:
+        ratios: by joint, as the URDF calls it.
+        section: where the job says so, for messages.
+        robot: of a cell, whose joints they are; empty for that of a job with one.
+    """
+
+    ratios: dict[str, float]
+    section: YamlSection = field(repr=False, compare=False)
+    robot: str = ""
+
+    @classmethod
+    def read(cls, arm: YamlSection, key: str) -> GearRatios:
+        """``gear_ratios: {joint_2: 100}``.
+
+        Raises:
+            JobError: not a mapping of joints to numbers above zero.
+        """
+        section = arm.section(key)
+        return cls({joint: section.number(joint, "positive") for joint in section.data}, section)
+
+    @property
+    def values(self) -> dict[str, float]:
+        """The same by name of the parameter."""
+        names = {joint: f"{within(self.robot, joint)}.{GEAR_RATIO}" for joint in self.ratios}
+        return {names[joint]: ratio for joint, ratio in self.ratios.items()}
+
+    @property
+    def selection(self) -> Selection:
+        """The row that names them among a job's parameters, so that a result says what they are."""
+        return Selection(tuple(self.values), fixed=True, line=self.section.line)
+
+    def on(self, arm: _AnyMechanism) -> _AnyMechanism:
+        """The arm with gears of these ratios.
+
+        Raises:
+            JobError: the arm has no such joint that turns.
+        """
+        for joint, name in zip(self.ratios, self.values, strict=True):
+            if name not in arm.offered:
+                turning = [n.removesuffix(f".{GEAR_RATIO}") for n in arm.offered if GEAR_RATIO in n]
+                expected = f"a joint of the chain that turns: {', '.join(turning)}"
+                raise self.section.refuse(f"the joint {joint}", expected, at=(joint,))
+        return arm.at(self.values)
+
+
 CHAIN_KEYS: Final = Fields(
     Field(
         "link",
@@ -349,6 +402,13 @@ class RobotSpec(Displayable):
         "Joints that the readings of other joints move too, as through a parallelogram: "
         "{joint_3: {joint_2: -1}} turns joint_3 by -1 times the reading of joint_2 as well. The "
         "number is fixed, unless a row estimates joint_3.coupling[joint_2].",
+        None,
+    )
+    gear_ratios: GearRatios | None = keyed(
+        Value("by joint, a number", GearRatios.read),
+        "How often the input of a strain wave gear turns with its joint: {joint_2: 100}. Rows may "
+        "then estimate joint_2.ripple_c and joint_2.ripple_s, which come twice with each turn of "
+        "the input.",
         None,
     )
     loops: tuple[Loop, ...] = keyed(
@@ -433,7 +493,7 @@ class ArmSpec(RobotSpec):
         bases = [] if self.joined else [*self.robots.items()][1:]
         return (
             *(offset.selection(tip) for tip, offset in self.tips.items() if offset is not None),
-            *(couplings.selection for couplings in self._couplings),
+            *(stated.selection for stated in self._of_joints),
             *(row for sensor in self._tilt_sensors for row in sensor.selections),
             *(row for name, robot in bases for row in robot.selections(name)),
         )
@@ -444,9 +504,13 @@ class ArmSpec(RobotSpec):
         return {**self.robots} or {"": self}
 
     @property
-    def _couplings(self) -> list[Couplings]:
-        said = self._said.items()
-        return [replace(s.couplings, robot=name) for name, s in said if s.couplings is not None]
+    def _of_joints(self) -> list[Couplings | GearRatios]:
+        return [
+            replace(stated, robot=name)
+            for name, spec in self._said.items()
+            for stated in (spec.couplings, spec.gear_ratios)
+            if stated is not None
+        ]
 
     @property
     def _loops(self) -> tuple[Loop, ...]:
@@ -579,8 +643,8 @@ class ArmSpec(RobotSpec):
             own = problem.where in self.section and not self.chains
             at, hint = (problem.where,) if own else (), problem.hint
             raise self.section.refuse(problem.found, expected, at=at, hint=hint) from None
-        for couplings in self._couplings:
-            arm = couplings.on(arm)
+        for stated in self._of_joints:
+            arm = stated.on(arm)
         if self.gravity is not None:
             arm = arm.with_gravity(self.gravity)
         if self._tilt_sensors:
@@ -623,7 +687,7 @@ class ArmSpec(RobotSpec):
             UrdfError: the file cannot be used, or has no such tip or base.
             JobError: it has no joints that are coupled so.
         """
-        # The tip's offset is in the URDF already; couplings are in none.
+        # The tip's offset is in the URDF already; couplings and gears are in none.
         sensors = nominal.tilt_sensors
         arm = replace(self._of(urdf), tilt_sensors=sensors).mechanism(pairs)
         mounted = {name for s in sensors for name in (*s.names(*MOUNT), *UP)}

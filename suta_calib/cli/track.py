@@ -141,8 +141,8 @@ def _print_end(tracking: Tracking, *, stats: bool) -> None:
         counted = listed(calibration.counted)
         held = f", and from the assumed error of {counted}, held at nominal" if counted else ""
         to.print(f"± is from the {SOURCE_WORDS[calibration.source]}{held}{fixed}.", soft_wrap=True)
-    if tracking.warmth:
-        to.print(tracking.warmth, soft_wrap=True)
+    for note in filter(None, (tracking.warmth, tracking.lag)):
+        to.print(note, soft_wrap=True)
     for publisher in session.publishers:
         path = getattr(publisher, "path", None)
         if path is not None and publisher.published:

@@ -23,6 +23,8 @@ from suta_calib.arrays import FloatArray
 # Ways that are kept of each joint: more are of motion that wanders to and fro ever less, and
 # of them the two that follow one another and differ least all but cancel each other.
 TURNS: Final = 6
+# How far readings of an arm at rest wander at least, rad or m.
+FLICKER: Final = 3e-5
 # What samples may say of the arm beside its readings: `tilt` is what sensors of links felt.
 Said = Literal["direction", "warmth", "payload", "tilt", "travel"]
 
@@ -54,18 +56,39 @@ def _flicker(q: FloatArray) -> FloatArray:
     # three standard deviations each way. Of rows far apart they show the motion: half a per cent of
     # a joint's range is no reversal.
     steady = np.median(np.abs(np.diff(q, 3, axis=0)), axis=0) if len(q) > 3 else 0.0
-    return np.asarray(np.clip(2.0 * steady, 3e-5, np.maximum(3e-5, 0.005 * np.ptp(q, axis=0))))
+    most = np.maximum(FLICKER, 0.005 * np.ptp(q, axis=0))
+    return np.asarray(np.clip(2.0 * steady, FLICKER, most))
 
 
 def _fill(found: FloatArray, readings: list[float], slack: float) -> None:
     """Ways (n, TURNS) of one joint in one recording, of motion beyond a slack either way."""
-    turns = readings[:1]
-    now = turns[0] if turns else 0.0
-    for row, read in enumerate(readings):
-        reading = min(max(now, read - slack), read + slack)
-        if (reading - now) * (now - turns[-1]) < 0.0:
-            turns.append(now)
-        now = reading
+    memory = JointMemory(slack)
+    for row, reading in enumerate(readings):
+        kept = memory.after(reading)
+        found[row, : len(kept)] = kept
+
+
+class JointMemory:
+    """Where one joint came from, reading by reading.
+
+    Args:
+        slack: motion within it, either way, is the encoder's flicker, rad or m.
+    """
+
+    def __init__(self, slack: float) -> None:
+        self._slack, self._now = slack, 0.0
+        self._turns = list[float]()
+
+    def after(self, read: float) -> list[float]:
+        """The ways that lead to the next reading, at most `TURNS`."""
+        turns, slack = self._turns, self._slack
+        if not turns:
+            turns.append(read)
+            self._now = read
+        now = min(max(self._now, read - slack), read + slack)
+        if (now - self._now) * (self._now - turns[-1]) < 0.0:
+            turns.append(self._now)
+        self._now = now
         while len(turns) > 1:
             before = abs(turns[-1] - turns[-2])
             # The first way began in the middle: a loop about it closes on its other side.
@@ -73,8 +96,7 @@ def _fill(found: FloatArray, readings: list[float], slack: float) -> None:
             if abs(now - turns[-1]) < (2.0 if first else 1.0) * before:
                 break
             del turns[-1 if first else -2 :]
-        kept = _fewest([end - begin for begin, end in pairwise([*turns, now])])
-        found[row, : len(kept)] = kept
+        return _fewest([end - begin for begin, end in pairwise([*turns, now])])
 
 
 def _fewest(ways: list[float]) -> list[float]:

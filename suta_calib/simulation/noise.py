@@ -28,7 +28,7 @@ from suta_calib.measurements.fields import (
 )
 from suta_calib.measurements.yaml_file import YamlSection
 from suta_calib.model.arm import ArmModel
-from suta_calib.model.parameters import BACKLASH, GAIN
+from suta_calib.model.parameters import BACKLASH, GAIN, HYSTERESIS
 from suta_calib.terms.synthetic import random_directions
 from suta_calib.units import Unit, from_mm
 
@@ -194,6 +194,11 @@ def last_motions(
 def backlashes(arm: ArmModel, values: Mapping[str, float]) -> FloatArray:
     """(joints,) backlash of each joint that is read, rad."""
     return np.array([values.get(f"{joint}.{BACKLASH}", 0.0) for joint in arm.joints])
+
+
+def remembers(arm: ArmModel, values: Mapping[str, float]) -> bool:
+    """Whether a joint lags by all the way that it has come, not by its last direction alone."""
+    return any(values.get(name) for name in arm.nongeometric if name.endswith(f".{HYSTERESIS}"))
 
 
 def readings_beside(

@@ -30,6 +30,7 @@ from suta_calib.simulation.noise import (
     last_motions,
     outlier_displacements,
     readings_beside,
+    remembers,
     scattered_rotations,
     stream,
     wrapped,
@@ -255,6 +256,12 @@ def _touched(plan: SetSpec, visits: Visits, visitor: Visitor) -> SimulatedFile:
         position += plan.noise.instrument * instrument.standard_normal((n, 3))
     tilt = scattered_rotations(rng, plan.noise.seating_angle, n)
     targets = Targets(position + displacement, visits.targets.rotation @ tilt)
+    if remembers(kinematics.arm, kinematics.values):
+        raise JobError(
+            "hysteresis of a joint, in a set of touches",
+            "sets of a kind that an instrument or a camera sees in motion, such as tracked_point",
+            where=plan.name,
+        )
     q = visitor.reach(plan, visits, targets, visits.start, random("touches"))
     sides = last_motions(kinematics.arm, kinematics.values, q, random("direction"))
     q = readings_beside(kinematics.arm, kinematics.values, q, sides)
@@ -310,6 +317,11 @@ def _sighted_samples(
     sides = last_motions(arm, values, rests, random("direction"))
     if sides is not None:
         conditions["direction"] = sides[seen_at]
+    if time is None and remembers(arm, values):
+        # The arm goes straight from row to row, one each second.
+        time = np.arange(plan.samples, dtype=float)
+    if time is not None:
+        conditions["time"] = time[seen_at]
     if arm.tilt_sensors:
         felt = up_in_links(arm, rests, values, plan.lean, random("lean"))
         conditions["felt"] = {name: vectors[seen_at] for name, vectors in felt.items()}
@@ -341,7 +353,6 @@ def _sighted_samples(
         rotation=rotation,
         origin=_origins(path, n),
         numbers=numbers,
-        time=None if time is None else time[seen_at],
         **conditions,
     )
     return SimulatedFile(path, samples, displacement, corners)

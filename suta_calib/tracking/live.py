@@ -21,7 +21,7 @@ from suta_calib.tracking.provenance import tracked_ends
 from suta_calib.tracking.publisher import Publisher, UdpPublisher, pose_dict
 from suta_calib.tracking.recording import CsvRecorder, ParquetRecorder, part_of
 from suta_calib.tracking.session import TrackingSession, low_latency
-from suta_calib.tracking.tracker import NO_TOOL, TipKinematics, Tracker, read_tool
+from suta_calib.tracking.tracker import NO_TOOL, TipKinematics, Tracker, followed, read_tool
 from suta_calib.tracking.uncertainty import SOURCE_WORDS, CalibrationUncertainty, read_uncertainty
 from suta_calib.trust.tip import taken_as_cool
 from suta_calib.units import mm
@@ -154,6 +154,12 @@ class Tracking:
         return "" if calibration is None else taken_as_cool(self.arm.offered, calibration.values)
 
     @property
+    def lag(self) -> str:
+        """What must be known of an arm whose joints lag by where they came from; else empty."""
+        calibration = self.uncertainty
+        return "" if calibration is None else followed(self.arm.offered, calibration.values)
+
+    @property
     def statistics(self) -> Statistics:
         """What was lost or damaged so far."""
         return self._bus.statistics
@@ -234,7 +240,7 @@ class Tracking:
             "device": str(self.device.path),
             "tool_mm": mm(self.tool.tip).tolist(),
             "uncertainty": uncertainty,
-            "notes": [note for note in (self.warmth,) if note],
+            "notes": [note for note in (self.warmth, self.lag) if note],
             **self.session.summary(),
             "last": last and pose_dict(last),
             "stream": counts | {"flags": flags},

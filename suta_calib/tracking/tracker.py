@@ -6,7 +6,7 @@ Compiled, it takes some ten microseconds.
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
@@ -23,10 +23,17 @@ from suta_calib.device.reading import Reading
 from suta_calib.display import Displayable
 from suta_calib.errors import InputError
 from suta_calib.geometry.symbols import symbolic_skew
+from suta_calib.geometry.travel import FLICKER, TURNS, JointMemory
 from suta_calib.model.arm import ArmModel
+from suta_calib.model.kinematics import Condition
+from suta_calib.model.parameters import BACKLASH, HYSTERESIS, ParameterSet
 from suta_calib.model.robot import AnyArm
 from suta_calib.tracking.uncertainty import CalibrationUncertainty, numbers, read_json_object
-from suta_calib.units import from_mm
+from suta_calib.units import from_mm, text
+from suta_calib.words import listed
+
+# Keys of what a joint lags behind by, as it came.
+_LAGS: Final = (BACKLASH, HYSTERESIS)
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -130,7 +137,8 @@ class TipKinematics:
         arm: the calibrated arm, for raw readings.
         tool: where the tool's tip is; the arm's own tip by default.
         uncertainty: of the calibration that wrote the arm's URDF; what that could not hold
-            (eccentric encoders, yielding joints) is corrected from it.
+            (eccentric encoders, yielding joints) is corrected from it. Joints that lag by where
+            they came from are followed from the first reading on, one call after the other.
 
     Raises:
         InputError: the uncertainty is not this arm's.
@@ -141,6 +149,9 @@ class TipKinematics:
     ) -> None:
         self._known = uncertainty is not None
         self._run = Batched(_compiled(arm, tool, uncertainty), 1)
+        # Of an arm whose joints remember: where each has come from since the first reading.
+        remembers = len(self._run.inputs) > 1
+        self._memories = [JointMemory(0.5 * FLICKER) for _ in arm.joints] if remembers else []
 
     def __call__(self, angles: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray | None]:
         """Rotation (3, 3), position (3,) m and its standard uncertainty (3,) m along base axes."""
@@ -155,6 +166,9 @@ class TipKinematics:
         """
         run = self._run
         run.inputs[0][0] = angles
+        if self._memories:
+            ways = [m.after(float(q)) for m, q in zip(self._memories, angles, strict=True)]
+            run.inputs[1][0] = np.concatenate([w + [0.0] * (TURNS - len(w)) for w in ways])
         flat, position, std, turn_std = run()
         rotation = flat.reshape(3, 3).T.copy()
         stds = (std[0].copy(), turn_std[0].copy()) if self._known else (None, None)
@@ -173,7 +187,10 @@ def _compiled(arm: ArmModel, tool: Tool, uncertainty: CalibrationUncertainty | N
     beside = {} if uncertainty is None else uncertainty.beside_geometry
     nominal = ca.DM([beside.get(name, arm.offered[name].nominal) for name in names])
     q = ca.SX.sym("q", len(arm.joints))
-    flat, tip, jacobian = arm.function(names)(nominal, q)
+    remembered = any(arm.offered[name].key in _LAGS for name in beside)
+    inputs = [q, *([ca.SX.sym("travel", TURNS * q.numel())] if remembered else [])]
+    conditions: tuple[Condition, ...] = ("travel",) if remembered else ()
+    flat, tip, jacobian = arm.function(names, conditions)(nominal, *inputs)
     R = ca.reshape(flat, 3, 3)
     lever = R @ ca.DM(tool.tip)
     by_error = (jacobian[:, :3].T - symbolic_skew(lever) @ jacobian[:, 3:].T) @ ca.DM(factor)
@@ -182,7 +199,26 @@ def _compiled(arm: ArmModel, tool: Tool, uncertainty: CalibrationUncertainty | N
     turn_std = ca.sqrt(ca.sum2((jacobian[:, 3:].T @ ca.DM(factor)) ** 2))
     outputs = [ca.densify(o) for o in (flat, tip + lever, std, turn_std)]
     named = ["rotation", "position", "std", "turn_std"]
-    return ca.Function("tip", [q], outputs, ["q"], named, {"cse": True})
+    return ca.Function("tip", inputs, outputs, ["q", "travel"][: len(inputs)], named, {"cse": True})
+
+
+def followed(parameters: ParameterSet, values: Mapping[str, float]) -> str:
+    """That joints are followed to know where they come from; empty where none lags."""
+    lags = [n for n, v in values.items() if n in parameters and parameters[n].key in _LAGS and v]
+    if not lags:
+        return ""
+    joints = listed(tuple(dict.fromkeys(parameters[name].owner for name in lags)))
+    sizes = listed(
+        [
+            f"{name} {text(abs(values[name]), parameters[name].unit, with_unit=True)}"
+            for name in lags
+        ]
+    )
+    return (
+        f"{joints}: the joint lags behind its reading by where it came from ({sizes}). This is "
+        "followed from the first reading on. Until a joint has turned back once, its angle may be "
+        "wrong by half of the value: move every joint to and fro first."
+    )
 
 
 _NO_POSE: Final = (np.full((3, 3), np.nan), np.full(3, np.nan), None, None)

@@ -23,9 +23,13 @@ from suta_calib.model.parameters import (
     BACKLASH,
     BENDING,
     COMPLIANCE,
+    DECAY,
     EXPANSION,
+    GEAR_RATIO,
+    HYSTERESIS,
     MASS,
     POSITION,
+    RIPPLE,
     Parameter,
 )
 from suta_calib.solver.identifiability import WEAK, Combination, Identification
@@ -306,12 +310,27 @@ def _beside_geometry(case: _Case) -> Explanation | None:
     parameter = case.parameter
     if parameter.key == MASS:
         return _mass(case)
+    recordings = any(t.poses.samples.travel is not None for t in case.problem.terms)
+    if parameter.key in (BACKLASH, HYSTERESIS) and recordings:
+        does = f"cannot be determined: {parameter.owner} hardly turns back in these recordings"
+        remedy = f"let {parameter.owner} turn back several times within a recording"
+        return Explanation(case.fixed, f"{case.fixed} {does}; it looks like an offset", remedy)
     if not case.motion.vanishes or parameter.geometric:
         return None
     columns = {
         BACKLASH: (
             "the samples do not say from which side the joint came",
-            f"approach from both sides, and state it in the column {parameter.owner}.direction",
+            f"approach from both sides, and state it in the column {parameter.owner}.direction; or "
+            "record the arm in motion, with the column time",
+        ),
+        HYSTERESIS: (
+            "the samples do not say how the joint moved before they were read",
+            "record the arm in motion, with the column time",
+        ),
+        DECAY: (
+            f"{parameter.owner}.hysteresis is about zero, so that it does not matter how it builds "
+            "up",
+            f"nothing to do; or do not select it, if {parameter.owner}.hysteresis stays zero",
         ),
         EXPANSION: (
             "the samples do not say when the arm was warm and when it was cold",
@@ -319,7 +338,13 @@ def _beside_geometry(case: _Case) -> Explanation | None:
             "temperature",
         ),
     }
-    if parameter.key in columns:
+    unknown_gear = (
+        "the ratio of the joint's gear is not stated",
+        f"state it in the job: arm: {{gear_ratios: {{{parameter.owner}: 100}}}}",
+    )
+    columns |= dict.fromkeys((*RIPPLE, GEAR_RATIO), unknown_gear)
+    # What aliases something else in a recording, or at these readings, is told apart by others.
+    if parameter.key in columns and (parameter.key == EXPANSION or not case.partners):
         why, remedy = columns[parameter.key]
         reason: HeldReason = "redundant" if case.redundant else "untold"
         return Explanation(case.fixed, f"{case.fixed} cannot be determined: {why}", remedy, reason)
@@ -329,6 +354,8 @@ def _beside_geometry(case: _Case) -> Explanation | None:
         assert arm is not None
         joint = arm.couplings.get(case.fixed, arm.read_from[parameter.owner])
         advice = (f"turn {joint} farther", lambda: case.rich.varied(joint))
+        if parameter.key in RIPPLE:
+            advice = (f"read {joint} at angles that are no multiple of a ripple apart", advice[1])
         return case.explained(f"{case.fixed} {does}", advice)
     if parameter.key not in (COMPLIANCE, *BENDING):
         return None

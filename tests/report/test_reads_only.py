@@ -31,7 +31,7 @@ FUNCTIONS = (
     casadi.nlpsol,
 )
 # Of what an examination calls: once for each term, and what only looks names up.
-SEVERAL = {"touch_repeatability", "offered_names", "known_beforehand"}
+SEVERAL = {"touch_repeatability", "offered_beside", "known_beforehand"}
 # Of solver/, what an answer consists of, and the threshold of a figure.
 SHOWN = {"Estimate", "Identification", "Learned", "Minimum", "Solution", "State", "WEAK"}
 
