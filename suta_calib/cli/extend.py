@@ -21,7 +21,9 @@ def extend(job: Path, quick: bool, seed: int) -> Document:
     """Find errors other than geometry, such as eccentric encoders and compliant joints.
 
     Models with and without these errors are fitted to the observations of JOB (a calibration.yaml),
-    each time without one of the placements. An error is added only if it improves the prediction of
+    each time without one of the placements, or without a stretch of time of a recording in motion
+    (samples with a column time), in which joints that lag by where they came from are looked for
+    too. An error is added only if it improves the prediction of
     the left-out data; a better fit is not enough. The command shows the rows to add to the job.
     """
     loaded = CalibrationJob.load(job)

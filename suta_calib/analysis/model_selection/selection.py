@@ -30,6 +30,7 @@ from suta_calib.assessment import Assessment, judged
 from suta_calib.display import Displayable
 from suta_calib.errors import ParameterError, SamplesError
 from suta_calib.model.parameters import (
+    BACKLASH,
     COUPLING,
     DECAY,
     HYSTERESIS,
@@ -401,11 +402,18 @@ class _Search:
             return chosen, self.solutions[chosen.name]
         # On what way a joint's friction builds up no model that is linear about none can say.
         fading = self._decays(chosen.added)
+        new = [n for n in (*chosen.added, *fading) if n not in start.added]
         solution = self._fitted(self._unknown(chosen.geometry, (*chosen.added, *fading)))
         if solution is None:
-            return start, self.solutions[start.name]
+            # Play is hardly told from friction beside it, and corners of the cost keep steps from
+            # settling: without it, then with the ways of friction as they usually are.
+            play = [n for n in new if self.arm.offered[n].key == BACKLASH]
+            self.untold |= {*(play or fading)}
+            if play:
+                del self.tried[chosen.name]
+                return None
+            return self.refitted(chosen, start) if fading else (start, self.solutions[start.name])
         estimates = solution.estimates
-        new = [n for n in (*chosen.added, *fading) if n not in start.added]
         if untold := {n for n in new if estimates[n].std is None}:
             self.untold |= untold
             if untold <= {*fading}:
