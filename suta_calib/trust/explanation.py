@@ -328,9 +328,8 @@ def _beside_geometry(case: _Case) -> Explanation | None:
             "record the arm in motion, with the column time",
         ),
         DECAY: (
-            f"{parameter.owner}.hysteresis is about zero, so that it does not matter how it builds "
-            "up",
-            f"nothing to do; or do not select it, if {parameter.owner}.hysteresis stays zero",
+            f"while {parameter.owner}.hysteresis is zero, nothing depends on it",
+            f"nothing to do: it is estimated as soon as {parameter.owner}.hysteresis is not zero",
         ),
         EXPANSION: (
             "the samples do not say when the arm was warm and when it was cold",
