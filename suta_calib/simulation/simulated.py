@@ -259,7 +259,7 @@ def _touched(plan: SetSpec, visits: Visits, visitor: Visitor) -> SimulatedFile:
     if remembers(kinematics.arm, kinematics.values):
         raise JobError(
             "hysteresis of a joint, in a set of touches",
-            "sets of a kind that an instrument or a camera sees in motion, such as tracked_point",
+            "sets of a kind that an instrument or a camera sees in motion",
             where=plan.name,
         )
     q = visitor.reach(plan, visits, targets, visits.start, random("touches"))
