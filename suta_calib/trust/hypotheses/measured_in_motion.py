@@ -78,11 +78,17 @@ def per_row(q: FloatArray, files: Any) -> FloatArray | None:
         # Rows that a motion needs.
         if end - first < 10:
             continue
-        part = q[first:end]
-        motion[first:end] = np.gradient(part, axis=0)
+        # An encoder that turns over goes on.
+        part = np.unwrap(q[first:end], axis=0)
         step = np.diff(part, axis=0)
-        correlated += float(np.sum(step[1:] * step[:-1]))
-        total += 0.5 * float(np.sum(step[1:] ** 2) + np.sum(step[:-1] ** 2))
+        size = np.linalg.norm(step, axis=1)
+        # So many times the usual step are rows that are missing, across which nothing is known.
+        gap = size > 5.0 * np.median(size)
+        beside = np.convolve(gap, [1, 1]).astype(bool)
+        motion[first:end] = np.where(beside[:, None], 0.0, np.gradient(part, axis=0))
+        both = ~(gap[1:] | gap[:-1])
+        correlated += float(np.sum((step[1:] * step[:-1])[both]))
+        total += 0.5 * float(np.sum((step[1:] ** 2 + step[:-1] ** 2)[both]))
     # How alike two steps from row to row must be that follow one another (their mean correlation),
     # for rows of an arm that moves: 1 for a straight path, 0.5 for turns of 60° from step to step.
     # Rows at any postures have -0.5, those that go to and fro -1.
