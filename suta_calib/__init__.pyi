@@ -64,6 +64,7 @@ from .terms import FixedPoint as FixedPoint
 from .terms import GivenPose as GivenPose
 from .terms import Gravity as Gravity
 from .terms import HandEye as HandEye
+from .terms import LineDelay as LineDelay
 from .terms import LoopClosure as LoopClosure
 from .terms import MeasuredPoses as MeasuredPoses
 from .terms import MeasuredRange as MeasuredRange

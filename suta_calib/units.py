@@ -91,6 +91,16 @@ def ms(time: Quantity) -> Quantity:
     return time * 1e3
 
 
+def us(time: Quantity) -> Quantity:
+    """Seconds as microseconds."""
+    return time * 1e6
+
+
+def from_us(time: Quantity) -> Quantity:
+    """Microseconds as seconds."""
+    return time / 1e6
+
+
 def from_ms(time: Quantity) -> Quantity:
     """Milliseconds as seconds."""
     return time / 1e3

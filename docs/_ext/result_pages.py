@@ -42,6 +42,7 @@ RESULT_KEYS = {
     "pitch yaw and quaternion with standard deviations.",
     "time_offsets": "Time offsets of instruments and cameras with a clock of their own "
     "(`time_offset_ms`), with their effect at the tip; empty where there are none.",
+    "line_delays": "Of cameras with a rolling shutter, the time of one row (`line_delay_us`).",
     "unidentified": "Parameters that the data cannot determine.",
     "redundant": "Those of them that no data of these kinds can determine.",
     "held": "Plausible error of each held parameter of the arm, and what changes with it.",

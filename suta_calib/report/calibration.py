@@ -25,6 +25,7 @@ from suta_calib.report.calibration_tables import (
     EXTERNAL_POSES,
     HELD_OUT,
     IN_SHORT,
+    LINE_DELAYS,
     NOISE,
     NOTE,
     NOTE_CLOCKS,
@@ -79,6 +80,7 @@ from suta_calib.solver.identifiability import WEAK
 from suta_calib.solver.solution import Solution
 from suta_calib.terms import Term
 from suta_calib.trust.accuracy import TermAccuracy
+from suta_calib.trust.clocks import line_delays
 from suta_calib.trust.explanation import redundant_names
 from suta_calib.trust.rich_data import LEVER
 from suta_calib.units import text
@@ -183,6 +185,7 @@ def _parameters(result: Calibration) -> Iterator[Part]:
     # What is no pose, such as a camera's intrinsics or a radius, is shown nowhere else.
     posed = {name for pose in result.examined.external_poses for name in pose.frame.names}
     posed |= {clock.name for clock in result.examined.clock_offsets}
+    posed |= {delay.name for delay in line_delays(solution)}
     alone = [row for row in of_terms if row.estimate.name not in posed]
     if len(alone) <= MANY:
         yield PARAMETERS.of(alone, "Unknowns of the observations, without poses", place="console")
@@ -238,6 +241,8 @@ def _clocks(result: Calibration) -> Iterator[Part]:
     if clocks := result.examined.clock_offsets:
         yield TIME_OFFSETS.of(clocks)
         yield remark(NOTE_CLOCKS)
+    if delays := line_delays(result.solution):
+        yield LINE_DELAYS.of(delays)
 
 
 def _external_poses(result: Calibration) -> Iterator[Part]:
@@ -475,6 +480,7 @@ def _data(result: Calibration) -> Json:
         "time_offsets": entry(
             "time_offsets", lambda: TIME_OFFSETS.records(result.examined.clock_offsets)
         ),
+        "line_delays": LINE_DELAYS.records(line_delays(solution)),
         "unidentified": solution.unidentified,
         "redundant": entry("redundant", lambda: redundant_names(result.explanations)),
         "unobservable": unobservable(solution.identification),

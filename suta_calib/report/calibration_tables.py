@@ -16,6 +16,7 @@ from suta_calib.report.errors import in_words
 from suta_calib.report.listing import Column, Listing, shown_as, written
 from suta_calib.report.poses import axes_with_std
 from suta_calib.solver.interface import Minimum
+from suta_calib.solver.solution import Estimate
 from suta_calib.solver.weights import Learned
 from suta_calib.terms.block import Block
 from suta_calib.trust.clocks import ClockOffset
@@ -23,7 +24,7 @@ from suta_calib.trust.external_poses import ExternalPose
 from suta_calib.trust.held_out import PROBABILITIES, HeldOutErrors
 from suta_calib.trust.repeats import TouchRepeatability
 from suta_calib.trust.scale_effects import ScaleEffect
-from suta_calib.units import Unit, ms, text, unit_name
+from suta_calib.units import Unit, ms, text, unit_name, us
 from suta_calib.words import kept, listed
 
 
@@ -106,6 +107,20 @@ TIME_OFFSETS: Final = Listing[ClockOffset](
     Column("rows", "rows", form="d"),
     Column("left_out", "left out", form="d"),
     key="time_offsets",
+    named=True,
+)
+LINE_DELAYS: Final = Listing[Estimate](
+    "Rolling shutters",
+    Column("name", "line delay"),
+    Column("line_delay_us", "µs", lambda delay: us(delay.value), form=".3f"),
+    Column(
+        "std_us",
+        "±",
+        lambda delay: None if delay.std is None else us(delay.std),
+        form=".3f",
+    ),
+    Column("state", "state"),
+    key="line_delays",
     named=True,
 )
 NOTE_CLOCKS: Final = (

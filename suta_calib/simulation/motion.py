@@ -55,14 +55,24 @@ class Passage:
     Attributes:
         time: (n,) of the rows, s.
         q: (n, joints) where the joints were then.
-        seen_at: (n, joints) where they were when the observation of the row was made.
+        offset: how much later the observation of the row was made, s.
         path: readings (n, joints) at any times (n,), s.
     """
 
     time: FloatArray
     q: FloatArray
-    seen_at: FloatArray
-    path: Callable[[FloatArray], FloatArray]
+    offset: float
+    path: CubicSpline
+
+    def later(self, after: float) -> FloatArray:
+        """(n, joints) where the joints were so many seconds after the observation began."""
+        time = np.clip(self.time + self.offset + after, 0.0, self.path.x[-1])
+        return np.asarray(self.path(time), dtype=np.float64)
+
+    @property
+    def seen_at(self) -> FloatArray:
+        """(n, joints) where they were when the observation of the row was made."""
+        return self.later(0.0)
 
 
 def passage(
@@ -93,7 +103,7 @@ def passage(
         kept = np.ones(len(time), dtype=bool) if in_sight is None else in_sight(seen_at)
         if kept.sum() >= rows:
             first = np.flatnonzero(kept)[:rows]
-            return Passage(time[first], path(time[first]), seen_at[first], path)
+            return Passage(time[first], path(time[first]), motion.time_offset, path)
         legs = 1 + math.ceil(1.2 * legs * rows / max(int(kept.sum()), rows / 4))
 
 

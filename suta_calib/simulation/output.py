@@ -15,9 +15,11 @@ from suta_calib.measurements import write_corners, write_samples, write_text
 from suta_calib.measurements.sample_files import has_no_rows
 from suta_calib.measurements.yaml_text import yaml_text
 from suta_calib.model.parameters import POSITION
+from suta_calib.simulation.motion import MotionSpec
 from suta_calib.simulation.protocol import TruePose
+from suta_calib.simulation.schema import SetSpec
 from suta_calib.simulation.simulated import SimulatedFile, Simulation
-from suta_calib.units import deg, key, mm, ms, shown
+from suta_calib.units import deg, key, mm, ms, shown, us
 
 _TITLE: Final = "# Simulated measurements"
 _TRUTH_HEADING: Final = (
@@ -99,9 +101,7 @@ def truth_text(simulation: Simulation) -> str:
         for x, y, rz in [plan.seating]
         if any(plan.seating)
     }
-    offsets = {
-        p.name: {"offset_ms": ms(p.motion.time_offset)} for p in sets if p.motion is not None
-    }
+    offsets = {p.name: _clock_row(p, p.motion) for p in sets if p.motion is not None}
     outside = {
         name: {pose.frame.owner: _pose_row(pose) for pose in poses}
         for name, poses in simulation.outside.items()
@@ -119,6 +119,12 @@ def truth_text(simulation: Simulation) -> str:
         "outliers": [row for file in simulation.files for row in _outliers(file)],
     }
     return yaml_text(document, _TRUTH_HEADING)
+
+
+def _clock_row(plan: SetSpec, motion: MotionSpec) -> dict[str, float]:
+    """How late observations are, and of a rolling shutter how long a row takes."""
+    row, delay = {"offset_ms": ms(motion.time_offset)}, plan.settings.get("line_delay")
+    return row if delay is None else {**row, "line_delay_us": us(delay.value)}
 
 
 def _pose_row(pose: TruePose) -> dict[str, Any]:

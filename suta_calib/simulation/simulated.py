@@ -38,6 +38,7 @@ from suta_calib.simulation.noise import (
 from suta_calib.simulation.protocol import TruePose, Visitor, Visits, own_values, true_poses
 from suta_calib.simulation.schema import ErrorRow, SetSpec, SimulationSpec
 from suta_calib.terms import ArmPoses, Observed, Setup
+from suta_calib.terms.line_delay import rolled
 from suta_calib.units import key
 from suta_calib.words import seen_from
 
@@ -294,7 +295,7 @@ def _sighted_samples(
     """What an external instrument sees of the tip, or a camera on it, in random configurations."""
     arm, values = kinematics.arm, kinematics.values
     noise, random = plan.noise, partial(stream, seed, plan.name)
-    time, moments = None, None
+    time, moving = None, None
     if plan.motion is None:
         rests = moments = _in_sight(plan, kinematics, values, random("configurations"))
     else:
@@ -326,6 +327,16 @@ def _sighted_samples(
         felt = up_in_links(arm, rests, values, plan.lean, random("lean"))
         conditions["felt"] = {name: vectors[seen_at] for name, vectors in felt.items()}
     ideal = _ideal(plan, arm, q, labels, values, conditions)
+    delay = plan.settings.get("line_delay")
+    if moving is not None and delay is not None and ideal.camera is not None:
+        # Each row of a picture is of its own moment.
+        def pixels_at(after: float) -> FloatArray:
+            q = wrapped(kinematics.true, moving.later(after))[seen_at]
+            pixels = _ideal(plan, arm, q, labels, values, conditions).pixels
+            assert pixels is not None
+            return pixels
+
+        ideal = replace(ideal, pixels=rolled(pixels_at, delay.value, ideal.camera.height))
     if arm.tilt_sensors:
         conditions["felt"] = as_felt(conditions["felt"], noise.tilt, random("tilt"))
     rng = random("instrument")

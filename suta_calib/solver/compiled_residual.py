@@ -21,7 +21,7 @@ from suta_calib.batched import MANY, Batched
 from suta_calib.errors import SamplesError
 from suta_calib.geometry.symbols import Symbol
 from suta_calib.terms.block import Block, Pose, Residual, flat
-from suta_calib.terms.poses import ArmPoses
+from suta_calib.terms.poses import ArmPoses, PoseSource
 from suta_calib.terms.term import Term
 
 
@@ -114,10 +114,13 @@ class Kernel:
         own_columns: (n, m) which of all own parameters each row looks at.
         velocity_rows: six times the number of all samples.
         own_count: number of all own parameters.
-        clocked: whether the last own column is not the residual's but moves the poses in time.
+        clocks: how many of the last own columns are not the residual's but move poses in time: the
+            time offset, and what is multiplied by the rows' lag.
 
     Attributes:
         pattern: where the rows' derivatives belong in the whole Jacobian.
+        of_arm: where the derivatives by what moves each row's pose belong: of rows with a lag, each
+            has a pose of its own.
         known_sigma: (n,) standard deviation of rows that is known beforehand.
     """
 
@@ -129,11 +132,11 @@ class Kernel:
         velocity_rows: int,
         own_count: int,
         *,
-        clocked: bool = False,
+        clocks: int = 0,
     ) -> None:
         n, poses = block.samples.shape
         all_columns = own_columns
-        own_columns = own_columns[:, :-1] if clocked else own_columns
+        own_columns = own_columns[:, : own_columns.shape[1] - clocks]
         # What every row looks at alike is computed once for all of them.
         same_own = bool(n) and bool(np.all(own_columns == own_columns[0]))
         self._own = own_columns[0] if same_own else own_columns
@@ -146,7 +149,9 @@ class Kernel:
             n >= MANY,
             same_own and n < MANY,
         )
-        samples = block.samples + first_sample
+        of_samples = block.samples + first_sample
+        self._lag = block.lag
+        samples = of_samples if block.lag is None else np.arange(n)[:, None]
         # Of each input the array it comes from, and which of its rows.
         self._taken = [(place % 2, _rows(samples[:, place // 2])) for place in used]
         # The last inputs are what is made of own parameters, if anything is, they, and the data.
@@ -158,9 +163,13 @@ class Kernel:
         self._shape = (n, block.size, len(columns))
         self.known_sigma, self._spread = block.known_sigma, (math.nan, block.known_sigma)
         which, component = np.divmod(columns, 6)
-        pose_columns = 6 * samples[:, which] + component
+        pose_columns = 6 * of_samples[:, which] + component
         self.pattern = RowPattern(block, pose_columns, all_columns, velocity_rows, own_count)
-        self._in_time = pose_columns if clocked else None
+        self.of_arm, moved = self.pattern, pose_columns
+        if block.lag is not None:
+            moved = 6 * samples[:, which] + component
+            self.of_arm = RowPattern(block, moved, all_columns, 6 * n, own_count)
+        self._in_time = moved if clocks else None
 
     def add_uncertainty(self, by_pose: FloatArray, uncertainty: FloatArray) -> None:
         """Add to what is known of the rows' noise that of their poses (6·samples,), m and rad."""
@@ -194,7 +203,8 @@ class Kernel:
         if self._in_time is None:
             return residual, by_pose, by_own
         by_time = np.einsum("ndc,nc->nd", by_pose, rate[self._in_time])
-        return residual, by_pose, np.concatenate([by_own, by_time[:, :, None]], axis=2)
+        by_clock = [by_time] if self._lag is None else [by_time, by_time * self._lag[:, None]]
+        return residual, by_pose, np.concatenate([by_own, np.stack(by_clock, axis=2)], axis=2)
 
     def _at(
         self, rotation: FloatArray, position: FloatArray, own_values: FloatArray
@@ -244,7 +254,8 @@ class _BlockResiduals:
             block.size,
             len(block) >= MANY,
         )
-        self._taken = [(place % 2, _rows(block.samples[:, place // 2])) for place in used]
+        samples = block.samples if block.lag is None else np.arange(len(block))[:, None]
+        self._taken = [(place % 2, _rows(samples[:, place // 2])) for place in used]
         self._own, self._batch = block.own_columns, Batched(function, len(block))
         self._batch.inputs[-1][:] = block.data
 
@@ -265,9 +276,11 @@ def term_residuals(term: Term, values: Mapping[str, float]) -> tuple[FloatArray,
     Parameters are by name, m or rad; the arm's are nominal where none is given.
     """
     own_values = np.array([values[p.name] for p in term.own_parameters])
-    rotation, position = term.poses.at(values)
-    poses = flat(rotation), position
-    return tuple(_BlockResiduals(block)(*poses, own_values) for block in term.blocks)
+    residuals = []
+    for block in term.blocks:
+        rotation, position = term.poses_of(block).at(values)
+        residuals.append(_BlockResiduals(block)(flat(rotation), position, own_values))
+    return tuple(residuals)
 
 
 class TermErrors:
@@ -280,17 +293,14 @@ class TermErrors:
 
     def __init__(self, term: Term, names: Sequence[str]) -> None:
         self._own = tuple(p.name for p in term.own_parameters)
-        self._blocks = [(block.relative, _BlockResiduals(block)) for block in term.blocks]
-        self._names, self._batch, source = tuple(names), None, term.poses
-        if isinstance(source, ArmPoses):
-            samples, conditions = source.samples, source.conditions
-            self._batch = Batched(source.arm.function(names, conditions, 0), len(samples), [0])
-            self._source = source
-            for place, numbers in zip(self._batch.inputs[2:], conditions.values(), strict=True):
-                place[:] = numbers
-        else:
-            rotation, position = source.at({})
-            self._poses = flat(rotation), position
+        common = _Tips(term.poses, names)
+        self._blocks = [
+            (
+                *(block.relative, _BlockResiduals(block), block.samples[:, 0]),
+                common if block.lag is None else _Tips(term.poses_of(block), names),
+            )
+            for block in term.blocks
+        ]
 
     def __call__(
         self, values: Mapping[str, float], shifts: FloatArray | float = 0.0
@@ -301,16 +311,42 @@ class TermErrors:
             values: by name, m or rad.
             shifts: (samples, joints) of the arm's readings, rad or m.
         """
-        if self._batch is not None:
+        own_values = np.array([values[name] for name in self._own])
+        found = dict[_Tips, tuple[FloatArray, FloatArray]]()
+        residuals = list[FloatArray]()
+        for relative, residual, rows, tips in self._blocks:
+            if tips not in found:
+                moved = np.asarray(shifts)
+                found[tips] = tips(values, moved[rows] if tips.late and moved.ndim else moved)
+            residuals.append(relative * residual(*found[tips], own_values))
+        return residuals
+
+
+class _Tips:
+    """Poses of a source, evaluated repeatedly, without derivatives."""
+
+    def __init__(self, source: PoseSource, names: Sequence[str]) -> None:
+        self._names, self._batch, self._source = tuple(names), None, source
+        self.late = bool(source.delay)
+        if isinstance(source, ArmPoses):
+            conditions = source.conditions
+            self._batch = Batched(source.arm.function(names, conditions, 0), len(source), [0])
+            for place, numbers in zip(self._batch.inputs[2:], conditions.values(), strict=True):
+                place[:] = numbers
+        else:
+            rotation, position = source.at({})
+            self._poses = flat(rotation), position
+
+    def __call__(
+        self, values: Mapping[str, float], shifts: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
+        """Rotations (n, 9), column by column, and positions (n, 3); the next call overwrites it."""
+        if self._batch is not None and isinstance(self._source, ArmPoses):
             self._batch.inputs[0][:] = [values[name] for name in self._names]
-            q = self._source.readings(values.get(self._source.clock, 0.0))
-            np.add(q, shifts, out=self._batch.inputs[1])
+            np.add(self._source.readings(values), shifts, out=self._batch.inputs[1])
             rotation, position, _ = self._batch()
             self._poses = rotation, position
-        own_values = np.array([values[name] for name in self._own])
-        return [
-            relative * residual(*self._poses, own_values) for relative, residual in self._blocks
-        ]
+        return self._poses
 
 
 @lru_cache(maxsize=64)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from copy import copy
 from dataclasses import dataclass, replace
 from typing import Any, Final
@@ -30,15 +30,19 @@ class BlockView:
     Attributes:
         block: the rows.
         first_sample: of its term, among those of all terms.
-        own_columns: (n, m), counted from the first own parameter; last, perhaps, the clock.
-        clocked: whether the poses that it looks at are those at the time of an own parameter.
+        own_columns: (n, m), counted from the first own parameter; last, those of the clock.
+        clocks: how many these are.
+        late: poses of the rows one by one, where each has its lag.
+        source: number of the term.
         limit: a learned Huber threshold, m or rad, where it is below the one that is given.
     """
 
     block: Block
     first_sample: int
     own_columns: IntArray
-    clocked: bool = False
+    clocks: int = 0
+    late: PoseSource | None = None
+    source: int = 0
     limit: float = math.inf
 
     @property
@@ -55,6 +59,7 @@ class PoseTable:
         names: of the arm's parameters.
         clocks: of each source the place, in the vector of all parameters, of the unknown that moves
             its poses in time; None where there is none.
+        delay: place of the unknown that the lag of the poses is multiplied by; None for no lag.
 
     Attributes:
         rotation: (n, 9) column by column.
@@ -63,6 +68,7 @@ class PoseTable:
         rate: (6 n,) of the tools, m and rad per second, where a clock moves them in time.
         uncertainty: (6 n,) standard deviation of where the tools are between rows, likewise.
         changes: how often the poses have changed.
+        late: poses of rows with a lag, with the number of the source and which of its samples.
     """
 
     def __init__(
@@ -70,6 +76,7 @@ class PoseTable:
         sources: Sequence[PoseSource],
         names: Sequence[str],
         clocks: Sequence[int | None] | None = None,
+        delay: int | None = None,
     ) -> None:
         sizes = [len(source) for source in sources]
         self.first = np.concatenate([[0], np.cumsum(sizes)]).astype(np.intp)
@@ -80,7 +87,10 @@ class PoseTable:
         self.changes = 0
         self._clocks = [*clocks] if clocks is not None else [None] * len(sizes)
         self._moved = list[MovedInTime | None]()
-        self._looked_at = [*range(len(names)), *sorted({c for c in self._clocks if c is not None})]
+        self.late = list[tuple[int, IntArray, PoseTable]]()
+        self._delay, self._lags = delay, [source.lag for source in sources]
+        places = {c for c in (*self._clocks, delay) if c is not None}
+        self._looked_at = [*range(len(names)), *sorted(places)]
         self._theta: FloatArray | None = None
         self._sources: list[tuple[slice, Batched | None]] = []
         for source, first, size in zip(sources, self.first, sizes, strict=False):
@@ -111,17 +121,22 @@ class PoseTable:
 
         Of the others, only the clocks' are looked at. They may be there already.
         """
+        for _, _, table in self.late:
+            table.update(x)
         theta = x[self._looked_at]
         if self._theta is not None and np.array_equal(theta, self._theta):
             return
         self._theta = theta.copy()
         self.changes += 1
         count = self.velocity.shape[1]
-        for (_, batch), moved, clock in zip(self._sources, self._moved, self._clocks, strict=True):
+        delay = 0.0 if self._delay is None else float(x[self._delay])
+        for (_, batch), moved, clock, lag in zip(
+            self._sources, self._moved, self._clocks, self._lags, strict=True
+        ):
             if batch is not None:
                 batch.inputs[0][:] = x[:count]
                 if moved is not None and clock is not None:
-                    batch.inputs[1][:] = moved(x[:count], x[clock])
+                    batch.inputs[1][:] = moved(x[:count], x[clock] + lag * delay)
                 batch()
 
     @contextmanager
@@ -138,7 +153,10 @@ class PoseTable:
         velocity, rate = (self.velocity.copy(), self.rate.copy()) if known else (None, None)
         self._theta = None
         sources = zip(self._sources, self._moved, shifts, strict=True)
+        late = ExitStack()
         try:
+            for source, rows_of_source, table in self.late:
+                late.enter_context(table.shifted([shifts[source][rows_of_source]]))
             for (rows, batch), moved, shift in sources:
                 if moved is not None:
                     moved.shift = shift
@@ -151,6 +169,7 @@ class PoseTable:
                     self.position[rows] += shift[:, :3]
             yield
         finally:
+            late.close()
             self._theta = None
             for moved in filter(None, self._moved):
                 moved.shift = 0.0
@@ -193,7 +212,7 @@ class MovedInTime:
         for place, values in zip(self._batch.inputs[3:], source.conditions.values(), strict=True):
             place[:] = values
 
-    def __call__(self, theta: FloatArray, offset: float) -> FloatArray:
+    def __call__(self, theta: FloatArray, offset: float | FloatArray) -> FloatArray:
         """Readings (n, joints) so many seconds later, for the arm's parameter values."""
         there = self._motion.beyond(offset)
         q = self._q + there[0] + self.shift
@@ -216,6 +235,8 @@ class Linearised:
     Attributes:
         residual: (n, d), of rows that state standard deviations relative to what they state.
         pattern: where derivatives belong in the whole Jacobian.
+        of_arm: the same of what moves each row's own pose, which moves by this velocity (6·poses,
+            parameters): of rows with a lag others than those of the samples.
         by_pose: (n, d, c) derivative by the pose velocities the rows look at.
         by_own: (n, d, m) derivative by the own parameters.
         sigma: (n,) standard deviation of one component.
@@ -226,6 +247,7 @@ class Linearised:
 
     view: BlockView
     pattern: RowPattern
+    of_arm: tuple[RowPattern, FloatArray]
     residual: FloatArray
     by_pose: FloatArray
     by_own: FloatArray
@@ -266,9 +288,19 @@ class Evaluation:
         self._at: tuple[int, bytes] | None = None
         self._found: list[tuple[FloatArray, FloatArray, FloatArray]] = []
         self._kernels = [
-            Kernel(v.block, v.first_sample, v.own_columns, width, own_count, clocked=v.clocked)
+            Kernel(v.block, v.first_sample, v.own_columns, width, own_count, clocks=v.clocks)
             for v in views
         ]
+        self._tables = [self._table_of(view, arm_names) for view in views]
+
+    def _table_of(self, view: BlockView, arm_names: Sequence[str]) -> PoseTable:
+        """The poses that a block looks at: all, or those of its rows with their lag."""
+        if view.late is None:
+            return self.table
+        offset, delay = (self.arm_count + view.own_columns[0, -2:]).tolist()
+        table = PoseTable([view.late], arm_names, [offset], delay)
+        self.table.late.append((view.source, view.block.samples[:, 0], table))
+        return table
 
     def limited(self, limits: Sequence[float]) -> Evaluation:
         """The same with Huber thresholds of at most so much, m or rad, for each block."""
@@ -284,23 +316,26 @@ class Evaluation:
         # The latest point is asked for again with other noise, and by whoever judges it.
         here = self.table.changes, own_values.tobytes()
         if here != self._at:
-            table = self.table
-            poses = table.rotation, table.position
-            self._found = [kernel(*poses, own_values, table.rate) for kernel in self._kernels]
+            self._found = [
+                kernel(table.rotation, table.position, own_values, table.rate)
+                for kernel, table in zip(self._kernels, self._tables, strict=True)
+            ]
             if self._at is None:
                 # What is known of the noise stays, so that the cost is one function.
-                for kernel, (_, by_pose, _) in zip(self._kernels, self._found, strict=True):
+                every = zip(self._kernels, self._tables, self._found, strict=True)
+                for kernel, table, (_, by_pose, _) in every:
                     kernel.add_uncertainty(by_pose, table.uncertainty)
             self._at = here
         lines = []
-        blocks = zip(self.views, self._kernels, sigmas, self._found, strict=True)
-        for view, kernel, sigma, (residual, by_pose, by_own) in blocks:
+        blocks = zip(self.views, self._kernels, self._tables, sigmas, self._found, strict=True)
+        for view, kernel, table, sigma, (residual, by_pose, by_own) in blocks:
             spread = kernel.spread(sigma)
             squared = np.einsum("nd,nd->n", residual, residual) / spread**2
             weight = huber_weight(squared, view.threshold / spread)
             lines.append(
                 Linearised(
-                    *(view, kernel.pattern, residual, by_pose, by_own),
+                    *(view, kernel.pattern, (kernel.of_arm, table.velocity)),
+                    *(residual, by_pose, by_own),
                     *(spread, kernel.known_sigma, squared, weight),
                 )
             )
@@ -398,8 +433,8 @@ class Evaluation:
             rows = slice(first, min(first + AT_ONCE, len(line.residual)))
             both = list[FloatArray]()
             if arm:
-                velocity = self.table.velocity
-                both.append(line.pattern.by_parameters(line.by_pose, velocity, rows))
+                pattern, velocity = line.of_arm
+                both.append(pattern.by_parameters(line.by_pose, velocity, rows))
             if by_own is not None:
                 both.append(dense(by_own[size * rows.start : size * rows.stop]))
             if both:
@@ -428,7 +463,8 @@ class Evaluation:
     def _arm_columns(self, line: Linearised, by_pose: FloatArray) -> Any:
         if not self.arm_count:
             return np.zeros((line.residual.size, 0))
-        return line.pattern.by_parameters(by_pose, self.table.velocity)
+        pattern, velocity = line.of_arm
+        return pattern.by_parameters(by_pose, velocity)
 
     @staticmethod
     def _cost(line: Linearised) -> float:

@@ -17,6 +17,7 @@ from suta_calib.solver.losses import symbolic_huber
 from suta_calib.solver.problem import Problem
 from suta_calib.terms.block import Pose
 from suta_calib.terms.poses import ArmPoses
+from suta_calib.terms.term import Term
 
 # Whitened costs that differ by less are the same minimum.
 SAME_COST = 1e-3
@@ -160,31 +161,28 @@ def symbolic_cost(
     Of a moving arm with another clock it is the cost near (n,) parameters: as long as no row moves
     past another one in time.
     """
-    nominal = problem.parameters.array("nominal")
-    rotation, position = _poses(problem, x, nominal if near is None else near)
+    near = problem.parameters.array("nominal") if near is None else near
+    rotation, position = _poses(problem, x, near)
     own_symbols = x[problem.arm_count :]
     cost: Symbol = ca.MX(0)
     evaluation = problem.evaluation
     for view, known, sigma in zip(evaluation.views, evaluation.known_sigmas, sigmas, strict=True):
-        cost += _block_cost(view, np.hypot(sigma, known), rotation, position, own_symbols)
+        poses = rotation, position
+        if isinstance(view.late, ArmPoses):
+            poses = _tips(problem, x, view.late, problem.terms[view.source], near)
+        cost += _block_cost(view, np.hypot(sigma, known), *poses, own_symbols)
     return cost / 2
 
 
 def _poses(problem: Problem, x: Symbol, near: FloatArray) -> tuple[Symbol, Symbol]:
     """All tool poses, (9, n) and (3, n)."""
     rotations, positions = [], []
-    names = problem.names[: problem.arm_count]
     for term in problem.terms:
-        source, clock = term.poses, [problem.names.index(p.name) for p in term.of_clock]
+        source = term.poses
         if isinstance(source, ArmPoses):
-            conditions = source.conditions
-            mapped = source.arm.function(names, conditions).map(len(source))
-            inputs = [ca.DM(array.T) for array in (source.samples.q, *conditions.values())]
-            if clock:
-                inputs[0] = _readings(source, x[clock[0]], near[clock[0]])
-            pose = mapped(x[: problem.arm_count], *inputs)
-            rotations.append(pose[0])
-            positions.append(pose[1])
+            rotation, position = _tips(problem, x, source, term, near)
+            rotations.append(rotation)
+            positions.append(position)
         else:
             rotation, position = source.at({})
             flat = np.swapaxes(rotation, 1, 2).reshape(len(source), 9)
@@ -193,13 +191,25 @@ def _poses(problem: Problem, x: Symbol, near: FloatArray) -> tuple[Symbol, Symbo
     return ca.horzcat(*rotations), ca.horzcat(*positions)
 
 
-def _readings(source: ArmPoses, offset: Symbol, near: float) -> Symbol:
-    """(joints, n) readings at an offset of the clock, exactly as long as no row passes another."""
-    motion = source.samples.motion
-    assert motion is not None
-    there = motion.beyond(near)
-    there[0] += source.samples.q
-    return sum(ca.DM(part.T) * (offset - near) ** k for k, part in enumerate(there))
+def _tips(
+    problem: Problem, x: Symbol, source: ArmPoses, term: Term, near: FloatArray
+) -> tuple[Symbol, Symbol]:
+    """Poses of one source, (9, n) and (3, n)."""
+    conditions = source.conditions
+    mapped = source.arm.function(problem.names[: problem.arm_count], conditions).map(len(source))
+    inputs = [ca.DM(array.T) for array in (source.samples.q, *conditions.values())]
+    if motion := source.samples.motion if term.of_clock else None:
+        places = [problem.names.index(p.name) for p in term.of_clock]
+        lags = [np.ones(len(source)), np.broadcast_to(source.lag, len(source))]
+        pairs = [*zip(places, lags, strict=False)]
+        # Exactly, as long as no row passes another one.
+        there = motion.beyond(sum(near[place] * lag for place, lag in pairs))
+        there[0] += source.samples.q
+        after = sum((x[place] - near[place]) * ca.DM(lag).T for place, lag in pairs)
+        every = ca.repmat(after, source.samples.q.shape[1], 1)
+        inputs[0] = sum(ca.DM(part.T) * every**k for k, part in enumerate(there))
+    rotation, position, *_ = mapped(x[: problem.arm_count], *inputs)
+    return rotation, position
 
 
 def _block_cost(
@@ -210,7 +220,8 @@ def _block_cost(
     row = _row_cost(view, k)
     arguments = []
     for which in range(k):
-        samples = (block.samples[:, which] + view.first_sample).tolist()
+        of_row = block.samples[:, which] + view.first_sample
+        samples = (of_row if view.late is None else np.arange(n)).tolist()
         arguments += [rotation[:, samples], position[:, samples]]
     m = block.own_columns.shape[1]
     columns = view.own_columns[:, :m].reshape(-1).tolist()

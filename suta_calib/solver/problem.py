@@ -103,13 +103,17 @@ class Problem:
     def evaluation(self) -> Evaluation:
         """Cost and derivatives; built once, used by every start and every study."""
         views, first, clocks = [], 0, list[int | None]()
-        for term in self.terms:
+        for number, term in enumerate(self.terms):
             columns = np.array(
                 [self._own_index[p.name] for p in term.own_parameters], dtype=np.intp
             )
             clock = [self._own_index[p.name] for p in term.of_clock]
             views += [
-                BlockView(block, first, _columns_of(block, columns, clock), bool(clock))
+                BlockView(
+                    *(block, first, _columns_of(block, columns, clock), len(clock)),
+                    late=None if block.lag is None else term.poses_of(block),
+                    source=number,
+                )
                 for block in term.blocks
             ]
             clocks.append(self.arm_count + clock[0] if clock else None)

@@ -21,6 +21,7 @@ from .kinds import every_grouping as every_grouping
 from .kinds import first_kind as first_kind
 from .landmark import TouchedLandmark as TouchedLandmark
 from .line import TouchedLine as TouchedLine
+from .line_delay import LineDelay as LineDelay
 from .observed import Observed as Observed
 from .pairwise_distance import PairwiseDistance as PairwiseDistance
 from .plane import TouchedPlane as TouchedPlane

@@ -121,6 +121,8 @@ class Block(Displayable):
         pixel: length that a pixel covers, m, where residuals are what was seen in a picture.
         relative: (n, d) standard deviations that the rows state, over `typical`, by which the
             residual has been divided; (1, 1) of one where they state none.
+        lag: (n,) how much later than its sample each row was seen, in units of an own unknown of
+            the term's clock, such as rows of a picture; None where all rows are of one moment.
         typical: what rows of the whole set typically state, m or rad; one where they state none.
     """
 
@@ -138,6 +140,7 @@ class Block(Displayable):
     pixel: float | None = None
     relative: FloatArray = field(default_factory=lambda: np.ones((1, 1)))
     typical: float = 1.0
+    lag: FloatArray | None = None
 
     @classmethod
     def per_sample(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -25,6 +25,7 @@ from suta_calib.measurements import (
     corners_of,
     read_corners,
 )
+from suta_calib.measurements.fields import Fields
 from suta_calib.measurements.marker_axes import markers_as_seen
 from suta_calib.model.parameters import PLACEMENT, End, Parameter
 from suta_calib.terms.block import LEARNT, Block, Noise
@@ -54,6 +55,7 @@ from suta_calib.terms.hand_eye_start import (
 from suta_calib.terms.instrument_terms import FramedTerm
 from suta_calib.terms.intrinsics import UNCALIBRATED, camera_at, intrinsic_parameters, prior_beside
 from suta_calib.terms.length_scale import stretch_factors, stretch_parameters
+from suta_calib.terms.line_delay import LINE_DELAY, LineDelay, rolled
 from suta_calib.terms.misread_pictures import check_files, doubts, otherwise_read
 from suta_calib.terms.observed import Observed, Resimulation, TrueFrame
 from suta_calib.terms.poses import ArmPoses, PoseSource
@@ -89,6 +91,8 @@ class CameraView(FramedTerm):
         label: terms with the same label share the camera.
         target: terms with the same one share the board.
         prior: of the intrinsics (n,), standard deviations.
+        line_delay: how long a row of the picture takes, of a camera with a rolling shutter; None
+            where all rows are of one moment.
 
     Raises:
         SamplesError: no corner in any picture, or corners of another board.
@@ -106,7 +110,7 @@ class CameraView(FramedTerm):
     )
     medium = "camera"
     has_angles = False
-    keys = CAMERA_KEYS
+    keys = (*CAMERA_KEYS, LINE_DELAY)
     measured_keys = (*("corners", "intrinsics", "target", "sigma_px", "huber_px"),)
     unit = "px"
     files: ClassVar[Mapping[str, str]] = CAMERA_FILES
@@ -143,6 +147,21 @@ class CameraView(FramedTerm):
     label: str = "default"
     target: str = "default"
     prior: FloatArray | None = None
+    line_delay: LineDelay | None = None
+
+    @property
+    def of_clock(self) -> tuple[Parameter, ...]:
+        """The unknowns of the camera's clock, and of its shutter."""
+        offset = super().of_clock
+        if not offset or self.line_delay is None:
+            return offset
+        return (*offset, self.line_delay.parameter(self.sees))
+
+    @property
+    def clock_reach(self) -> float:
+        """How far from the time of a row the end of the picture may have been taken, s."""
+        longest = 0.0 if self.line_delay is None else self.line_delay.longest
+        return super().clock_reach + self.camera.height * longest
 
     @classmethod
     def over(cls, poses: PoseSource, setup: Setup) -> CameraView:
@@ -216,12 +235,12 @@ class CameraView(FramedTerm):
     @classmethod
     def read_settings(cls, row: YamlSection) -> dict[str, Any]:
         """Board, camera, where it is, and the noise in pixels; the corners' file as it is named."""
-        return read_camera_row(row)
+        return read_camera_row(row) | Fields(LINE_DELAY).values(row)
 
     @property
     def settings(self) -> Mapping[str, Any]:
         """Board, camera and where it is."""
-        names = ("board", "camera", "setup", "free", "pixel", "target", "prior")
+        names = ("board", "camera", "setup", "free", "pixel", "target", "prior", "line_delay")
         return {name: getattr(self, name) for name in names}
 
     @property
@@ -266,6 +285,9 @@ class CameraView(FramedTerm):
             and other.prior is not None
         )
         term = replace(self, prior=next(once, None)) if self.prior is None else self
+        shutters = (o.line_delay for o in views if o.owners[2] == self.owners[2] and o.line_delay)
+        if term.line_delay is None and term.time_offset is not None:
+            term = replace(term, line_delay=next(shutters, None))
         same_mount = (o for o in views if (o.owners[1], o.setup) == (self.owners[1], self.setup))
         first = next(same_mount, self)
         if first is self or not self.board.symmetric or self.poses.samples.pixels is None:
@@ -396,7 +418,8 @@ class CameraView(FramedTerm):
         block = Block.per_sample(
             "reprojection", "m", 2, residual, own_columns, np.hstack(data), self.noise, labels
         )
-        return (replace(block, samples=sample[:, None], pixel=self.pixel),)
+        lag = None if len(self.of_clock) < 2 else self.pixels[sample, point, 1]
+        return (replace(block, samples=sample[:, None], pixel=self.pixel, lag=lag),)
 
     @property
     def _names(self) -> Sequence[str]:
@@ -413,7 +436,23 @@ class CameraView(FramedTerm):
     def observed(self, values: Mapping[str, float], poses: PoseSource) -> Observed:
         """The board in the camera, and its corners in the picture where they would be found."""
         sight = self._sight(values, poses)
-        return Observed(sight.position, sight.rotation, sight.pixels, sight.camera)
+        pixels = self._rolled(values, poses, lambda sight: sight.pixels)
+        return Observed(sight.position, sight.rotation, pixels, sight.camera)
+
+    def _rolled(
+        self,
+        values: Mapping[str, float],
+        poses: PoseSource,
+        pixels: Callable[[BoardSight], FloatArray],
+    ) -> FloatArray:
+        """(n, points, 2) pixels, of a shutter that may roll."""
+        delay = sum(values.get(p.name, 0.0) for p in self.of_clock[1:])
+
+        def after(time: float) -> FloatArray:
+            later = values.get(poses.clock, 0.0) + time
+            return pixels(self._sight({**values, poses.clock: later}, poses))
+
+        return rolled(after, delay, self.camera.height)
 
     def _sight(self, values: Mapping[str, float], poses: PoseSource) -> BoardSight:
         """The board before the camera at these poses."""
@@ -436,9 +475,8 @@ class CameraView(FramedTerm):
         assert ideal.pixels is not None
         measured = self.poses.samples.pixels
         if measured is not None:
-            pixels = np.where(
-                np.isfinite(measured), self._sight(values, self.poses).everywhere, np.nan
-            )
+            everywhere = self._rolled(values, self.poses, lambda sight: sight.everywhere)
+            pixels = np.where(np.isfinite(measured), everywhere, np.nan)
             ideal = replace(ideal, pixels=pixels)
         sigma = {"pixels": noise[0] / self.pixel}
         return self.over_poses(again.observed(self.poses, ideal, sigma, self.blocks[0].relative))
@@ -490,6 +528,8 @@ class CameraView(FramedTerm):
             "setup": self.setup,
             "intrinsics": "free" if self.free else "fixed",
         }
+        if self.line_delay is not None:
+            of_camera["line_delay"] = self.line_delay
         # What is found from a row's own corners differs from row to row.
         if self.prior is None or self.camera.corners:
             of_camera["camera"] = self.camera.values
@@ -498,6 +538,15 @@ class CameraView(FramedTerm):
             **{(key, "label", sees): value for key, value in of_camera.items()},
             ("board", "target", seen): self.board.row(),
         }
+
+    def check_given(self) -> None:
+        """Refuse given poses that cannot be, and a rolling shutter of a camera without times."""
+        super().check_given()
+        if self.line_delay is not None and self.time_offset is None:
+            hint = "if the camera has the clock of the joints, give it a small prior"
+            raise self.refuse(
+                "line_delay_us without a time offset", "time_offset_ms beside it", hint
+            )
 
     @property
     def misread(self) -> Iterator[tuple[str, Self]]:

@@ -72,21 +72,27 @@ class TimeOffset(Displayable):
         return Parameter(owner, "", "s", 0.0, *sizes, prior_fixed=True)
 
 
-def clocked(poses: PoseSource, name: str, offset: TimeOffset) -> PoseSource:
+def clocked(poses: PoseSource, name: str, reach: float) -> PoseSource:
     """The poses at times that an unknown of this name moves; as they are where no arm has them.
+
+    Args:
+        poses: of an arm that moves.
+        name: of the unknown.
+        reach: how far from its time a row may have been seen, s.
 
     Warns:
         SutaCalibWarning: many rows that are left out.
 
     Raises:
-        SamplesError: no times, or such that tell nothing of how the arm moved between them.
+        SamplesError: times that tell nothing of how the arm moved between them.
     """
-    if not isinstance(poses, ArmPoses):
+    # Postures that nobody recorded, such as planned ones, are of an arm at rest.
+    if not isinstance(poses, ArmPoses) or poses.samples.time is None:
         return poses
     samples = poses.samples
     before = samples.motion
     if before is None:
-        samples = _within(samples.in_motion(_turning(poses.arm)), offset.bound)
+        samples = _within(samples.in_motion(_turning(poses.arm)), reach)
     elif not before.of(samples.q):
         # Rows that are read in another way, on trial, need not be those of a motion.
         with suppress(SamplesError):

@@ -44,11 +44,15 @@ class PoseSource(ABC):
         bodies: what the ends of its chain are called, where a robot has several.
         clock: name of the unknown that says how much later than the readings what is seen was
             seen; empty where both have one clock.
+        delay: name of the unknown that, times the lag, is added to it; empty for none.
+        lag: (n,) of each pose.
     """
 
     samples: Samples
     bodies: Bodies
     clock: str = ""
+    delay: str = ""
+    lag: FloatArray | float = 0.0
 
     def __len__(self) -> int:
         return len(self.samples)
@@ -186,13 +190,14 @@ class ArmPoses(PoseSource):
 
     def at(self, values: Mapping[str, float]) -> tuple[FloatArray, FloatArray]:
         """Forward kinematics of the samples."""
-        q = self.readings(values.get(self.clock, 0.0))
+        q = self.readings(values)
         return self.arm.forward(q, values, self.conditions)
 
-    def readings(self, offset: float) -> FloatArray:
-        """(n, joints) readings so many seconds later than those of the samples."""
+    def readings(self, values: Mapping[str, float]) -> FloatArray:
+        """(n, joints) readings when it was seen, by the values of the clock's unknowns."""
         motion = self.samples.motion
-        if not self.clock or motion is None or offset == 0.0:
+        offset = values.get(self.clock, 0.0) + self.lag * values.get(self.delay, 0.0)
+        if not self.clock or motion is None or not np.any(offset):
             return self.samples.q
         return np.asarray(self.samples.q + motion.beyond(offset)[0])
 
@@ -225,6 +230,12 @@ class ArmPoses(PoseSource):
         """The same arm's poses, at times that an unknown of this name moves."""
         poses = ArmPoses(self.arm, samples)
         poses.clock = name
+        return poses
+
+    def late(self, rows: IntArray, lag: FloatArray, delay: str) -> ArmPoses:
+        """The poses of some samples, each later by its lag times an unknown."""
+        poses = self.take(rows)
+        poses.lag, poses.delay = lag, delay
         return poses
 
     def take(self, rows: ArrayLike) -> ArmPoses:

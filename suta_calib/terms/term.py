@@ -36,7 +36,7 @@ from suta_calib.terms.from_arrays import FromArrays
 from suta_calib.terms.given_places import GivenPlaces
 from suta_calib.terms.given_pose import GivenPose
 from suta_calib.terms.observed import Observed, Resimulation, TrueFrame
-from suta_calib.terms.poses import PoseSource
+from suta_calib.terms.poses import ArmPoses, PoseSource
 from suta_calib.terms.setup import Setup
 from suta_calib.units import Unit
 
@@ -144,7 +144,8 @@ class Term(GivenPlaces):
             if self.medium == "touch":
                 hint = "an arm rests where it touches"
                 raise self.refuse("a time offset", "none", hint)
-            poses = clocked(self.poses, self._clock(self.time_offset).name, self.time_offset)
+            name = self._clock(self.time_offset).name
+            poses = clocked(self.poses, name, self.clock_reach)
             object.__setattr__(self, "poses", poses)
         # What cannot be used is refused where the term is made, not where it is first looked at.
         _ = self.blocks
@@ -379,6 +380,24 @@ class Term(GivenPlaces):
     def of_clock(self) -> tuple[Parameter, ...]:
         """The unknown of the clock of what sees, where it has one."""
         return (self._clock(self.time_offset),) if self.time_offset and self.poses.clock else ()
+
+    def check_given(self) -> None:
+        """Refuse given poses that cannot be, and a time offset of samples without times."""
+        super().check_given()
+        if self.time_offset is not None and self.poses.samples.time is None:
+            hint = "without it, remove time_offset_ms"
+            raise SamplesError("no time", "when each row was taken, in s", where="time", hint=hint)
+
+    def poses_of(self, block: Block) -> PoseSource:
+        """The poses that a block's rows look at, by number of the sample, or each with its lag."""
+        if block.lag is None or not isinstance(self.poses, ArmPoses):
+            return self.poses
+        return self.poses.late(block.samples[:, 0], block.lag, self.of_clock[1].name)
+
+    @property
+    def clock_reach(self) -> float:
+        """How far from the time of a row it may have been seen, s."""
+        return 0.0 if self.time_offset is None else self.time_offset.bound
 
     @property
     def subject(self) -> str:

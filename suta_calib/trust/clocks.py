@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from suta_calib.solver.solution import Estimate, Solution
+
 if TYPE_CHECKING:
     from suta_calib.trust.examination import Examination
 
@@ -56,7 +58,7 @@ def clock_offsets(examined: Examination) -> tuple[ClockOffset, ...]:
     for term, (first, end) in zip(
         examined.problem.terms, pairwise(examined.boundaries.tolist()), strict=True
     ):
-        for p in term.of_clock:
+        for p in term.of_clock[:1]:
             motion = term.poses.samples.motion
             left_out[p.name] += 0 if motion is None else motion.rows - len(term.poses)
             squares.setdefault(p.name, []).extend(np.sum(velocity[first:end] ** 2, axis=1).tolist())
@@ -68,3 +70,9 @@ def clock_offsets(examined: Examination) -> tuple[ClockOffset, ...]:
         )
         for e, s in found
     )
+
+
+def line_delays(solution: Solution) -> tuple[Estimate, ...]:
+    """How long a row of a picture takes, of each camera with a rolling shutter."""
+    names = dict.fromkeys(p.name for term in solution.problem.terms for p in term.of_clock[1:])
+    return tuple(solution.estimates[name] for name in names) if solution.converged else ()
