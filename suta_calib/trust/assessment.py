@@ -166,6 +166,13 @@ def _on_parameters(examined: CalibrationExamination) -> list[str]:
             f"{listed(bounded)} ended at a bound. Look for a wrong unit or a wrong artefact; if "
             "there is none, widen the bound."
         )
+    clocks = {p.name for term in solution.problem.terms for p in term.of_clock}
+    estimates = solution.estimates
+    if bounded := [n for n, e in estimates.items() if n in clocks and e.state == "at_bound"]:
+        notes.append(
+            f"{listed(bounded)} ended at the bound that the job gives. Give a larger one; if it "
+            "ends there again, readings and observations are not of the same motion."
+        )
     return notes
 
 

@@ -115,3 +115,11 @@ def test_what_cannot_be_is_refused_with_its_line(job: Path) -> None:
     said = refused("calibrate", job)
     assert "fitted.csv:1: column 'time'" in said
     assert "expected a column time, in s, of a moving arm" in said
+
+
+def test_a_time_offset_beyond_its_bound_is_told(job: Path) -> None:
+    changed(job, ("{bound: 100}", "{bound: 5}"))
+    _, out, _ = spoken("calibrate", job)
+    said = " ".join(out.split())
+    assert "time_offset[default] ended at the bound that the job gives. Give a larger one" in said
+    assert not said.startswith("Good")

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from simulated import arm_named
 
-from suta_calib import ArmModel, HandEye, Samples, Term, TrackedPoint
+from suta_calib import ArmModel, Gravity, HandEye, Samples, Term, TrackedPoint
 from suta_calib.arrays import FloatArray
 from suta_calib.geometry.numbers import rotation_from_vector
 from suta_calib.terms import ArmPoses
@@ -62,9 +62,14 @@ class MovingArm:
         blank: dict[str, Any] = {"position": np.zeros((self.rows, 3))}
         if kind is HandEye:
             blank["rotation"] = np.tile(np.eye(3), (self.rows, 1, 1))
+        if kind is Gravity:
+            blank = {"numbers": {name: np.ones(self.rows) for name in ("ax", "ay", "az")}}
         term = kind(ArmPoses(self.arm, Samples.from_arrays(self.arm.joints, q, **blank)))
         own = {p.name: 0.3 * rng.standard_normal() for p in term.own_parameters}
         ideal = term.observed(self.truth | own, term.poses)
+        if kind is Gravity:
+            noise = TURN_NOISE * rng.standard_normal((3, self.rows))
+            return {n: v + e for (n, v), e in zip(ideal.numbers.items(), noise, strict=True)}
         seen = {"position": ideal.place + NOISE * rng.standard_normal((self.rows, 3))}
         if kind is HandEye:
             turn = rotation_from_vector(TURN_NOISE * rng.standard_normal((self.rows, 3)))

@@ -10,9 +10,11 @@ import numpy as np
 import pytest
 from moving_arm import MovingArm
 from simulated import arm_named
+from torso_robot import REFLECTOR, torso_robot
 
 from suta_calib import (
     ArmModel,
+    Gravity,
     HandEye,
     InputError,
     Samples,
@@ -133,7 +135,7 @@ def arm() -> ArmModel:
     return arm_named("suta")
 
 
-@pytest.mark.parametrize("kind", [TrackedPoint, HandEye])
+@pytest.mark.parametrize("kind", [TrackedPoint, HandEye, Gravity])
 @pytest.mark.parametrize("offset", [0.0, -0.02, 0.073])
 def test_derivatives_by_the_offset_are_right(kind: type[Term], offset: float) -> None:
     moving = MovingArm(-0.02, rows=40)
@@ -206,7 +208,7 @@ def test_what_is_uncertain_between_rows_is_part_of_the_noise() -> None:
 
 
 # ── the estimate ─────────────────────────────────────────────────────────────────────────────
-@pytest.mark.parametrize("kind", [TrackedPoint, HandEye])
+@pytest.mark.parametrize("kind", [TrackedPoint, HandEye, Gravity])
 @pytest.mark.parametrize("late", [-0.02, 0.08])
 def test_a_clock_that_is_off_is_found(kind: type[Term], late: float) -> None:
     moving = MovingArm(late)
@@ -274,3 +276,24 @@ def test_what_touches_has_no_clock_and_who_sees_needs_times(arm: ArmModel) -> No
         moving.term(time_offset=TimeOffset(bound=5.0))
     with pytest.raises(InputError, match="TimeOffset: bound: found -1"):
         TimeOffset(bound=-1)
+
+
+def test_two_chains_that_one_instrument_sees_share_its_clock() -> None:
+    robot, time, offset = torso_robot(), 0.1 * np.arange(120), TimeOffset(0.1)
+    rng, terms = np.random.default_rng(3), []
+    rate, phase = rng.uniform(0.4, 1.2, 14), rng.uniform(0, 6, 14)
+    for first, arm in zip((0, 6), robot.chains.values(), strict=True):
+
+        def readings(time: Any, arm: ArmModel = arm, first: int = first) -> FloatArray:
+            mine = slice(first, first + len(arm.joints))
+            return np.asarray(0.5 * np.sin(np.outer(time, rate[mine]) + phase[mine]))
+
+        rotation, position = arm.forward(readings(time - 0.02))
+        seen = position + rotation @ REFLECTOR + rng.normal(0, 1e-4, (120, 3))
+        given: dict[str, Any] = {"time": time, "time_offset": offset, "target": "A"}
+        terms.append(TrackedPoint.from_arrays(arm, readings(time), position=seen, **given))
+    problem = Problem(terms, robot.select("*.offset"))
+    assert [name for name in problem.names if name.startswith("time_offset")] == [CLOCK]
+    found = solve(problem, ONCE).estimates[CLOCK]
+    assert found.std is not None
+    assert abs(found.value + 0.02) < min(1e-3, 3.5 * found.std)
