@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from suta_calib.batched import formula
+from suta_calib.geometry.lens import PLUMB_BOB
 from suta_calib.solver import compiled_residual
 from suta_calib.solver.compiled_residual import RowPattern
 from suta_calib.solver.problem import Problem
@@ -72,7 +73,7 @@ def test_rows_are_taken_whether_they_follow_one_another_or_not(numbers: list[int
 
 @pytest.mark.parametrize("free", [False, True])
 def test_no_row_is_taken_through_the_formula_of_a_rotation_vector(free: bool) -> None:
-    residual, own = reprojection(EYE_IN_HAND, free, False), 21 if free else 12
+    residual, own = reprojection(EYE_IN_HAND, PLUMB_BOB, free, False), 21 if free else 12
     function, *_ = compiled_residual._compiled(residual, 1, own, 15, 2, True, False)
     rule = formula(function, (function.n_in() - 2,))
     assert rule is not None
