@@ -180,13 +180,12 @@ def align_clocks(first: Recorded, second: Recorded) -> ClockAlignment:
     best = search.best()
     at, covariance, step = search.judged(best)
     # The slow clock's time t is the fast one's at + shift + (1 + drift) (t - at).
-    rate = 1.0 + best.drift
     middle_shift = best.shift + best.drift * (at - search.at)
     if coarser:
         shift, drift, where = middle_shift, best.drift, at
         jump = None if step is None else (-step[0], step[1])
     else:
-        shift, drift, where = -middle_shift, 1.0 / rate - 1.0, at + middle_shift
+        shift, drift, where = -middle_shift, 1.0 / (1.0 + best.drift) - 1.0, at + middle_shift
         jump = None if step is None else (step[0], step[1] + middle_shift)
     scale, travel = search.scale(best)
     share = np.ptp(slow.clock.time[search.clock_rows(best)])
@@ -216,7 +215,11 @@ def _check_motion(recorded: Recorded) -> None:
     if len(time) < _LEAST_ROWS:
         problem = f"{len(time)} rows"
         raise ForeignFileError(problem, f"at least {_LEAST_ROWS}", file=recorded.path)
-    angle = _invariants(recorded.body, _pairs(time, recorded.clock.step)[_MIDDLE])[:, 0]
+    pairs = _pairs(time, recorded.clock.step)[_MIDDLE]
+    if len(pairs) < _LEAST_ROWS:
+        found = f"{len(pairs)} motions of {_SPANS[_MIDDLE]:g} s without a gap in {len(time)} rows"
+        raise ForeignFileError(found, f"at least {_LEAST_ROWS}", file=recorded.path)
+    angle = _invariants(recorded.body, pairs)[:, 0]
     varies, noise = float(np.std(angle)), float(row_noise(angle))
     if varies > max(3.0 * noise, 1e-4):
         return

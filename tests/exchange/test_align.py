@@ -296,6 +296,16 @@ REFUSED: dict[str, tuple[Callable[[Path], Path], Callable[[Path], Path], str]] =
         "speed of turning changes",
     ),
     "few rows": (HAND.write, _some(TARGET, slice(30)).write, "found 30 rows; expected at least 60"),
+    "bursts": (
+        HAND.write,
+        _some(TARGET, np.arange(700) % 40 < 9).write,
+        "0 motions of 0.4 s without a gap in 162 rows",
+    ),
+    "a body that rests": (
+        HAND.write,
+        recorded(lambda t: smooth_motion(1, 9.0)(0.0 * t), TIMES, 0, (5e-4, 2e-4)).write,
+        "speed of turning changes",
+    ),
     "positions alone": (
         HAND.write,
         lambda path: TARGET.write(path, drop=("qx", "qy", "qz", "qw")),
