@@ -34,6 +34,8 @@ _MIDDLE: Final = 1
 # Rows that both recordings must cover, and their share of the shorter recording.
 _LEAST_ROWS: Final = 60
 _LEAST_SHARE: Final = 0.2
+# s; over more, the steps of the search are longer than the motions that it compares.
+_LONGEST: Final = 5.0 * 3600.0
 # Below this correlation of the angles, two recordings show different motions.
 _SAME_MOTION: Final = 0.7
 # Blocks of consecutive rows that are taken for independent, and those that a step is looked for in.
@@ -215,6 +217,11 @@ def _check_motion(recorded: Recorded) -> None:
     if len(time) < _LEAST_ROWS:
         problem = f"{len(time)} rows"
         raise ForeignFileError(problem, f"at least {_LEAST_ROWS}", file=recorded.path)
+    if np.ptp(time) > _LONGEST:
+        found = f"a recording of {np.ptp(time) / 3600.0:.3g} h from its first to its last row"
+        expected = f"at most {_LONGEST / 3600.0:g} h"
+        hint = "cut it: minutes with many starts and stops tell more than hours"
+        raise ForeignFileError(found, expected, file=recorded.path, hint=hint)
     pairs = _pairs(time, recorded.clock.step)[_MIDDLE]
     if len(pairs) < _LEAST_ROWS:
         found = f"{len(pairs)} motions of {_SPANS[_MIDDLE]:g} s without a gap in {len(time)} rows"
@@ -364,7 +371,7 @@ class _Search:
         rows = np.isfinite(seen)
         if rows.sum() < _LEAST_ROWS:
             return None
-        agreement = float(np.corrcoef(seen[rows], measured[rows])[0, 1])
+        agreement = _correlated(seen[rows], measured[rows])
         return _Fit(shift, drift, np.abs(seen - measured), rows, agreement)
 
     def _linear(
@@ -465,9 +472,9 @@ class _Search:
         seen = self._seen(fit.shift, fit.drift)[_MIDDLE][:, 1]
         rows = np.isfinite(seen)
         both = np.stack([self._measured[_MIDDLE][rows, 1], seen[rows]], axis=1)
-        if (np.std(both, axis=0) < 3.0 * row_noise(both, 0)).any():
+        if (np.std(both, axis=0) <= 3.0 * row_noise(both, 0)).any():
             return np.nan, np.nan
-        travel = float(np.corrcoef(both.T)[0, 1])
+        travel = _correlated(both[:, 0], both[:, 1])
         ratio = float(np.std(both[:, 0]) / np.std(both[:, 1]))
         return (ratio if travel > 0.9 else np.nan), travel
 
@@ -518,6 +525,13 @@ def _correlation(a: FloatArray, b: FloatArray, least: float) -> FloatArray:
     correlation = shared / np.sqrt(np.maximum(power, 1e-300))
     usable = (count >= least) & (power > 1e-9 * np.nanvar(a) * np.nanvar(b))
     return np.asarray(np.where(usable, correlation, -1.0))
+
+
+def _correlated(a: FloatArray, b: FloatArray) -> float:
+    """Correlation of values (n,); 0 where either is constant."""
+    a, b = a - a.mean(), b - b.mean()
+    size = float(np.linalg.norm(a) * np.linalg.norm(b))
+    return float(a @ b) / size if size > 0 else 0.0
 
 
 def _weighted_median(values: FloatArray, weights: FloatArray) -> float:

@@ -296,6 +296,11 @@ REFUSED: dict[str, tuple[Callable[[Path], Path], Callable[[Path], Path], str]] =
         "speed of turning changes",
     ),
     "few rows": (HAND.write, _some(TARGET, slice(30)).write, "found 30 rows; expected at least 60"),
+    "days": (
+        HAND.write,
+        _later(TARGET, slice(350, None), 1e6).write,
+        "a recording of 278 h from its first to its last row",
+    ),
     "bursts": (
         HAND.write,
         _some(TARGET, np.arange(700) % 40 < 9).write,
