@@ -121,7 +121,9 @@ class Motion:
     @property
     def error(self) -> FloatArray:
         """(n, joints) what readings between the rows may be wrong by, one standard deviation."""
-        return self.recording.error[self.moment]
+        # Of a run that is too short it is not known: rad or m that are as good as nothing.
+        unknown = 0.1
+        return np.minimum(self.recording.error[self.moment], unknown)
 
     def of(self, q: FloatArray) -> bool:
         """Whether these are the readings of the rows, but for noise."""
