@@ -14,12 +14,14 @@ from suta_calib.arrays import FloatArray
 from suta_calib.assessment import Level
 from suta_calib.display import Displayable
 from suta_calib.geometry.numbers import (
+    nearest_rotation,
     rotation_from_vector,
     vector_from_rotation,
     vector_turning_z_to,
 )
 from suta_calib.geometry.symbols import Symbol, symbolic_rotation
 from suta_calib.measurements import NumberColumn, SampleColumns
+from suta_calib.measurements.felt import at_rest
 from suta_calib.measurements.fields import (
     ANGLE,
     ANGLE_OR_0,
@@ -321,7 +323,7 @@ class Gravity(Term):
             by_mount = np.einsum("nij,nk->nijk", rotation, measured).reshape(-1, 9)
             by_up = np.tile(np.eye(3), (len(measured), 1))
             found = np.linalg.svd(np.hstack([by_mount, -by_up]))[2][-1][:9].reshape(3, 3)
-            mount = _nearest_rotation(found * (np.sign(np.linalg.det(found)) or 1.0))
+            mount = nearest_rotation(found * (np.sign(np.linalg.det(found)) or 1.0))
         in_base = (rotation @ mount @ measured[:, :, None])[:, :, 0]
         mean = in_base.mean(axis=0)
         free = mount, (mean / np.linalg.norm(mean) if self.up is None and mean.any() else up)
@@ -334,7 +336,7 @@ class Gravity(Term):
 
     def _mount(self, rotation: FloatArray, up: FloatArray) -> FloatArray:
         """S of ``S a_i = R_iᵀ u``, for a known u: Wahba's problem."""
-        return _nearest_rotation((rotation.transpose(0, 2, 1) @ up).T @ self._measured[0])
+        return nearest_rotation((rotation.transpose(0, 2, 1) @ up).T @ self._measured[0])
 
     @property
     def _arms_up(self) -> FloatArray:
@@ -382,8 +384,7 @@ class Gravity(Term):
         """Rows in which more, or less, than gravity was felt."""
         length = self._measured[1]
         ratio = length / float(np.median(length))
-        # Zero errors and scales of cheap sensors change what is felt at rest by a few per cent.
-        moving = np.flatnonzero(np.abs(ratio - 1.0) > 0.08)
+        moving = np.flatnonzero(~at_rest(self._measured[0] * length[:, None]))
         if not len(moving):
             return {}
         first = moving[0]
@@ -431,9 +432,3 @@ def _up_at(roll: FloatArray, pitch: FloatArray) -> FloatArray:
 def _side(up: FloatArray) -> float:
     """1 for a direction that is nearer to z than to -z; -1 for one that is not."""
     return 1.0 if up[2] >= 0 else -1.0
-
-
-def _nearest_rotation(matrix: FloatArray) -> FloatArray:
-    """The rotation (3, 3) that is nearest to a matrix (3, 3)."""
-    U, _, Vt = np.linalg.svd(matrix)
-    return np.asarray(U @ np.diag([1.0, 1.0, np.linalg.det(U @ Vt)]) @ Vt)

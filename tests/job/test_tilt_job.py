@@ -20,6 +20,7 @@ from suta_calib.tracking.uncertainty import read_uncertainty
 from tests.support.cli_job import answer
 from tests.support.column_robot import (
     GROUND,
+    MOUNTS,
     STATION,
     Measured,
     built,
@@ -204,3 +205,25 @@ sets:
     lean_deg: 0.1
     base_in_instrument: {position_mm: [4000, 0, 0]}
 """
+
+
+def test_shares_and_turns_are_as_sure_as_they_say() -> None:
+    """Over eight robots, with sensors that are averaged at rest."""
+    truth = {
+        "tilt[base_link].share": GROUND.base_share,
+        "tilt[column].share": GROUND.column_share,
+        "tilt[column].turn": float(MOUNTS["column"][2]),
+    }
+    off = []
+    for seed in range(8):
+        rng = np.random.default_rng(seed)
+        data = measured(rng, 100, built(rng), felt_noise=2e-5)
+        arm = column_robot()
+        job = CalibrationJob.of_terms(arm, tracked(arm, data))
+        found = solve(job.problem(), job.options()).estimates
+        off.append(
+            [(found[n].value - true) / (found[n].std or np.inf) for n, true in truth.items()]
+        )
+    spread = np.sqrt(np.mean(np.square(off), axis=0))
+    assert np.all(spread > 0.3), spread
+    assert np.all(spread < 2.0), spread
