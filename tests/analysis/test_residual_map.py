@@ -240,6 +240,7 @@ def test_the_command_writes_a_correction_that_export_repeats(tmp_path: Path) -> 
         command = ("export", results, "--format", form, "--out", out, "--anyway")
         assert cli(*command) == 0
         assert out.read_bytes() == (results / file).read_bytes()
+        assert not out.with_name(f"{out.name}.left_out.json").exists()
     path = results / "residual_map.json"
     other = json.loads(path.read_text())
     name = next(iter(other["correction"]["parameters"]))

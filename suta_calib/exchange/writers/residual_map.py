@@ -15,28 +15,34 @@ from suta_calib.tracking.uncertainty import read_json_object
 MAP: Final = "residual_map.json"
 
 
-class ResidualMapWriter(Writer):
+class BesideWriter(Writer):
+    """A correction that stands beside a calibration, so that nothing of this one is lost."""
+
+    holds_covariance = True
+    holds_everything = True
+    notes = ("The file corrects what the calibration leaves. It does not contain the calibration.",)
+
+
+class ResidualMapWriter(BesideWriter):
     """A module without any import of this package, which corrects readings or the tip."""
 
     name = "residual-map"
     summary = "Python function that corrects what the calibration leaves (see residual-map)"
     example = "results --format residual-map --out residual_map.py"
     file = "exported_residual_map.py"
-    notes = ("The file corrects what the calibration leaves. It does not contain the calibration.",)
 
     def content(self, result: Result, _given: Given) -> bytes:
         """The module's text."""
         return python_text(_record(result, self.name)).encode()
 
 
-class ResidualTableWriter(Writer):
+class ResidualTableWriter(BesideWriter):
     """The same correction as rows of numbers."""
 
     name = "residual-table"
     summary = "CSV table of the correction that residual-map found"
     example = "results --format residual-table --out residual_map.csv"
     file = "exported_residual_map.csv"
-    notes = ResidualMapWriter.notes
 
     def content(self, result: Result, _given: Given) -> bytes:
         """The table's text."""
