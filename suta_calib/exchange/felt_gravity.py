@@ -44,6 +44,7 @@ _UNITS: Final = ((1.0, "g"), (STANDARD_GRAVITY, "m/s²"), (1000.0, "mg or cm/s²
 _NEAR: Final = 0.1
 # Below this size, in any unit, gravity was taken out of what was felt.
 _NOTHING: Final = 0.2
+_MOST: Final = 1e6
 # Zero errors and scales of cheap sensors change what is felt at rest by less than this share.
 _AT_REST: Final = 0.08
 # Two halves of a rest differ by less, rad; a hand that holds a phone does not.
@@ -102,6 +103,13 @@ class GravityLog:
         complete = np.flatnonzero(np.isfinite(acceleration).all(axis=1) & np.isfinite(time))
         if not len(complete):
             raise ForeignFileError("no complete row", "times and accelerations", file=path)
+        # More than any sensor tells in any unit; its square must stay a number.
+        for row in complete[np.abs(acceleration[complete]).max(axis=1) > _MOST][:1].tolist():
+            found, line = (
+                f"{np.abs(acceleration[row]).max():.3g}",
+                None if lines is None else lines[row],
+            )
+            raise ForeignFileError(found, "an acceleration", file=path, line=line)
         clock = Clock.of(path, time[complete])
         rows = complete[clock.rows]
         felt = acceleration[rows]

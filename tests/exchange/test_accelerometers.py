@@ -231,6 +231,10 @@ REFUSED: dict[str, tuple[Callable[[Path], Path], str]] = {
         lambda path: phyphox(path, TIME, 0.001 * FELT, name="Linear Acceleration"),
         'record the experiment "Acceleration (with g)"',
     ),
+    "numbers that are no accelerations": (
+        lambda path: sensor_logger(path, TIME, np.where(TIME[:, None] == 0.03, 1e200, FELT)),
+        "log.csv:5: found 1e+200; expected an acceleration",
+    ),
     "g and m/s² mixed": (
         lambda path: sensor_logger(path, TIME, _harder(FELT, 6.0, 9.0, 1 / 9.81)),
         "multiply those in g by 9.80665",
