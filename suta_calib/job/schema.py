@@ -329,7 +329,11 @@ def _with_clocks(spec: JobSpec, top: YamlSection) -> JobSpec:
 
 
 def _instrument(row: ObservationSpec) -> tuple[str, ...]:
-    return row.kind, row.label, row.chain, row.base_chain, row.link
+    # What stands beside the robot sees all of its chains.
+    frames = KINDS[row.kind].frames
+    stands = bool(frames) and frames[0].end == "base"
+    carried = ("", "") if stands else (row.chain, row.link)
+    return row.kind, row.label, row.base_chain, *carried
 
 
 def _rows(spec: JobSpec, top: YamlSection) -> Iterator[tuple[ObservationSpec, YamlSection]]:

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from cli_job import answer, refused, spoken
 from moving_arm import MovingArm
+from torso_robot import write_torso_job
 
 from suta_calib import TimeOffset
 from suta_calib.job.schema import read_job
@@ -84,6 +85,15 @@ def test_what_one_row_says_of_a_clock_holds_for_all_with_its_label(job: Path) ->
     assert spec.validation[0].time_offset == TimeOffset(0.1)
     changed(job, ("held.csv}", "held.csv, label: other}"))
     assert read_job(job).validation[0].time_offset is None
+
+
+def test_an_instrument_beside_a_robot_has_one_clock_for_all_chains(tmp_path: Path) -> None:
+    job = write_torso_job(tmp_path, fitted=3, held_out=3)
+    changed(job, ("left_fitted.csv}", "left_fitted.csv, time_offset_ms: {bound: 50}}"))
+    spec = read_job(job)
+    rows = (*spec.observations, *spec.validation)
+    assert [row.time_offset for row in rows] == [TimeOffset(0.05)] * 4
+    assert [row.time for row in rows] == [True, False, False, False]
 
 
 @pytest.mark.filterwarnings("default:.*samples without a column time")
