@@ -48,6 +48,7 @@ from suta_calib.model.parameters import (
 )
 from suta_calib.model.robot import Robot, chosen_chain
 from suta_calib.model.tilt import MOUNT, UP, TiltSensor
+from suta_calib.model.urdf_tree import read_tree
 from suta_calib.terms.given_pose import POSE_KEYS, GivenPose
 from suta_calib.units import from_mm
 from suta_calib.words import seen_from
@@ -692,6 +693,34 @@ class ArmSpec(RobotSpec):
         arm = replace(self._of(urdf), tilt_sensors=sensors).mechanism(pairs)
         mounted = {name for s in sensors for name in (*s.names(*MOUNT), *UP)}
         return arm.at({name: nominal.nongeometric[name].nominal for name in mounted})
+
+    def tracked(
+        self, urdf: UrdfFile, chain: str = "", tip: str | None = None, base: str | None = None
+    ) -> ArmModel:
+        """`model` as a calibrated URDF has it, for readings alone: without tilt sensors.
+
+        Args:
+            urdf: the calibrated one; of a cell that of all robots.
+            chain: as of `model`.
+            tip: in place of that of the job.
+            base: likewise.
+
+        Raises:
+            UrdfError: the file cannot be used, or has no such tip or base.
+            JobError: it has no joints that are coupled so.
+            ParameterError: as of `model`.
+        """
+        spec = replace(self._of(urdf), tilt_sensors=())
+        first = within(next(iter(self.robots), ""), "")
+        if first and not any(joint.startswith(first) for joint in read_tree(urdf).joints):
+            expected, hint = "that of the whole cell", "give the calibrated.urdf beside it"
+            raise UrdfError("the URDF of one robot of a cell", expected, file=Path(urdf), hint=hint)
+        if tip is None and base is None:
+            return spec.model(chain)
+        tip, base = tip or spec.one(chain)[0], base or (None if tip else spec.one(chain)[1])
+        # Another chain need not have the joints that are coupled; a result has their values.
+        arm = ArmModel.from_urdf(urdf, tip, base, spec._loops)
+        return arm if spec.gravity is None else arm.with_gravity(spec.gravity)
 
     def _of(self, urdf: UrdfFile) -> ArmSpec:
         chains = {n: replace(chain, tip_offset=None) for n, chain in self.chains.items()}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 import threading
 import time
@@ -29,7 +30,7 @@ from suta_calib.report.listing import Table
 from suta_calib.tracking.live import Tracking, TrackOptions
 from suta_calib.tracking.session import Pace
 from suta_calib.tracking.uncertainty import SOURCE_WORDS
-from suta_calib.units import deg, mm
+from suta_calib.units import FARTHEST, deg, from_mm, mm
 from suta_calib.words import listed
 
 if TYPE_CHECKING:
@@ -62,6 +63,26 @@ def _address(host_needed: bool) -> Callable[..., tuple[str, int] | None]:
     return read
 
 
+def _payload(
+    context: click.Context, parameter: click.Parameter, text: str | None
+) -> tuple[float, ...] | None:
+    """Reads ``KG`` and ``KG,X,Y,Z``: kg, m."""
+    if text is None:
+        return None
+    try:
+        kg, *place = map(float, text.split(","))
+    except ValueError:
+        kg, place = math.nan, []
+    if not (math.isfinite(kg) and kg >= 0.0 and len(place) in (0, 3)):
+        expected = "kg, or kg,x,y,z with the centre of mass in mm"
+        raise click.BadParameter(f"found {text!r}; expected {expected}", context, parameter)
+    x, y, z = (from_mm(value) for value in place or (0.0, 0.0, 0.0))
+    if not all(abs(value) <= FARTHEST for value in (x, y, z)):
+        expected = f"a place within {FARTHEST:g} m"
+        raise click.BadParameter(f"found {text!r}; expected {expected}", context, parameter)
+    return kg, x, y, z
+
+
 @click.command()
 @urdf_argument("ARM.urdf", "arm")
 @option("--tip", "Link or frame of the arm that is tracked; default: that of the job of --result.")
@@ -74,6 +95,12 @@ def _address(host_needed: bool) -> Callable[..., tuple[str, int] | None]:
     PATH,
 )
 @anyway_option
+@option(
+    "--payload KG[,X,Y,Z]",
+    "What the tip carries, kg, and its centre of mass in the frame of the tip, mm, for an arm with "
+    "compliances in --result; default: what its samples state, if they all state the same.",
+    callback=_payload,
+)
 @option("--tool TIP.json", "Offset of the tip, as pivot --out writes it.", PATH)
 @option(
     "--igtl [HOST:]PORT",
@@ -141,7 +168,7 @@ def _print_end(tracking: Tracking, *, stats: bool) -> None:
         counted = listed(calibration.counted)
         held = f", and from the assumed error of {counted}, held at nominal" if counted else ""
         to.print(f"± is from the {SOURCE_WORDS[calibration.source]}{held}{fixed}.", soft_wrap=True)
-    for note in filter(None, (tracking.warmth, tracking.lag)):
+    for note in tracking.notes:
         to.print(note, soft_wrap=True)
     for publisher in session.publishers:
         path = getattr(publisher, "path", None)

@@ -8,7 +8,8 @@ their own URDF, after the name of the robot: ``a/joint_1``.
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections import Counter
+from collections.abc import Collection, Mapping
 from copy import deepcopy
 from dataclasses import dataclass, fields
 from pathlib import Path
@@ -56,6 +57,16 @@ class CellTree(UrdfTree):
 def within(name: str, of_robot: str) -> str:
     """What a link or joint of one robot is called in the cell; as its URDF does without a name."""
     return f"{name}/{of_robot}" if name else of_robot
+
+
+def own_names(names: Collection[str]) -> dict[str, str]:
+    """What joints of a cell may be called too: as the URDF of their robot does, where it is clear.
+
+    Of joints of two robots the same name may be of either.
+    """
+    alone = {name: name.rpartition("/")[2] for name in names if "/" in name}
+    times = Counter(alone.values())
+    return {n: own for n, own in alone.items() if times[own] == 1 and own not in names}
 
 
 def joined_tree(

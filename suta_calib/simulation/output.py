@@ -187,8 +187,8 @@ def _other_files(simulation: Simulation, folder: Path) -> list[Path]:
 def still_empty(simulation: Simulation, folder: Path) -> list[Path]:
     """Which of the other samples files, where a simulation's will be, hold a header and no data.
 
-    Such as those that a new job begins with; nothing is lost with them, and a job whose glob finds
-    one of them beside the simulated ones would be refused.
+    Such as those that a new job begins with. Nothing is lost with them, and a job whose glob finds
+    one of them beside the simulated ones would warn of it in every run.
     """
     return [path for path in _other_files(simulation, Path(folder)) if _is_empty(path, simulation)]
 

@@ -7,7 +7,6 @@ geometry; for a body that was tracked it is a measurement. Terms are written ove
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
@@ -23,6 +22,7 @@ from suta_calib.measurements.felt import averaged, rows_not_used, up_felt
 from suta_calib.measurements.sample_files import JointRange, check_readings
 from suta_calib.measurements.samples import Samples
 from suta_calib.model.bodies import ALONE, Bodies
+from suta_calib.model.cell import own_names
 from suta_calib.model.parameters import End
 from suta_calib.terms.block import numbered
 from suta_calib.units import mm
@@ -105,7 +105,7 @@ def joint_ranges(arm: ArmModel) -> tuple[JointRange, ...]:
     """What the columns of a samples file must hold for this arm."""
     own = set(arm.own_joints)
     # A file of one robot of a cell may call its joints as that robot's URDF does.
-    short = Counter(name.rpartition("/")[2] for name in own)
+    short = own_names(own)
     followers = {
         joint.name: tuple(n for n, read in arm.read_from.items() if n != joint.name == read)
         for joint in arm.readings
@@ -117,12 +117,9 @@ def joint_ranges(arm: ArmModel) -> tuple[JointRange, ...]:
             *((j.lower, j.upper) if j.name in own else (min(j.lower, 0.0), max(j.upper, 0.0))),
             followers[j.name],
             j.name not in own,
-            alone
-            if "/" in j.name and j.name in own and short[alone] == 1 and alone not in own
-            else "",
+            short.get(j.name, ""),
         )
         for j in arm.readings
-        for alone in [j.name.rpartition("/")[2]]
     )
 
 

@@ -6,8 +6,11 @@ from collections.abc import Callable
 from contextlib import AbstractContextManager, ExitStack, nullcontext
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Self
+from typing import Any, Final, Self
 
+import numpy as np
+
+from suta_calib.arrays import FloatArray
 from suta_calib.atomic import check_folder, check_outputs
 from suta_calib.device.bus import Bus
 from suta_calib.device.device_file import read_device
@@ -16,15 +19,25 @@ from suta_calib.display import Displayable
 from suta_calib.errors import InputError, OutputError
 from suta_calib.inputs import UrdfFile
 from suta_calib.model.arm import ArmModel
+from suta_calib.model.parameters import BENDING, COMPLIANCE
 from suta_calib.tracking.igtl import IgtlPublisher
-from suta_calib.tracking.provenance import tracked_ends
+from suta_calib.tracking.provenance import arm_of_job, made_from
 from suta_calib.tracking.publisher import Publisher, UdpPublisher, pose_dict
+from suta_calib.tracking.read_back import load_job
 from suta_calib.tracking.recording import CsvRecorder, ParquetRecorder, part_of
 from suta_calib.tracking.session import TrackingSession, low_latency
 from suta_calib.tracking.tracker import NO_TOOL, TipKinematics, Tracker, followed, read_tool
-from suta_calib.tracking.uncertainty import SOURCE_WORDS, CalibrationUncertainty, read_uncertainty
+from suta_calib.tracking.uncertainty import (
+    SOURCE_WORDS,
+    CalibrationUncertainty,
+    read_json_object,
+    read_uncertainty,
+)
 from suta_calib.trust.tip import taken_as_cool
 from suta_calib.units import mm
+
+# What may be given where the job of a result is gone.
+_OTHERWISE: Final = "the tip with --tip"
 
 
 @dataclass(frozen=True)
@@ -48,6 +61,8 @@ class TrackOptions(Displayable):
         force: whether they may take the place of earlier recordings.
         seconds: how long from the first reading on, s; until it is stopped by default.
         rate: most poses a second of the device's clock; one for every frame by default.
+        payload: what the tip carries, kg, and its centre in the frame of the tip, m; what the
+            samples of the result say, if they all say the same, by default.
     """
 
     arm: UrdfFile
@@ -67,22 +82,31 @@ class TrackOptions(Displayable):
     seconds: float | None = None
     rate: float | None = None
     chain: str = ""
+    payload: tuple[float, float, float, float] | None = None
 
-    def ends(self) -> tuple[str, str | None]:
-        """Tip and base of what is tracked.
+    def model(self) -> ArmModel:
+        """What is tracked: the calibrated URDF, with what the job of the result says of the arm.
+
+        That is where gravity points, and closed loops.
 
         Raises:
             InputError: no tip is given, or no one chain of the job.
         """
-        if self.tip is not None:
-            if self.chain:
-                raise InputError("a tip and a chain", "only one of them", where="--chain")
-            return self.tip, self.base
-        if self.result is None:
+        if self.tip is not None and self.chain:
+            raise InputError("a tip and a chain", "only one of them", where="--chain")
+        if self.result is not None:
+            try:
+                origin = made_from(read_json_object(self.result), self.result, _OTHERWISE)
+            except InputError:
+                # The job may be gone where the tip is known.
+                if self.tip is None:
+                    raise
+            else:
+                return arm_of_job(origin).tracked(self.arm, self.chain, self.tip, self.base)
+        if self.tip is None:
             expected = "--tip LINK, or --result RESULT.json of a job with this tip"
             raise InputError("no tip", expected, where="--tip")
-        tip, base = tracked_ends(self.result, self.chain)
-        return tip, self.base or base
+        return ArmModel.from_urdf(self.arm, self.tip, self.base)
 
 
 class Tracking:
@@ -103,6 +127,7 @@ class Tracking:
         device: the device.
         tool: on the tip.
         uncertainty: of the arm's calibration, the doubt about what that held among it, or None.
+        payload: (4,) what the tip carries, kg and m, where the arm yields and it is known.
         session: counts, latency and the latest poses; there once the context is entered.
         events: everything that went wrong and went on, in order.
         interrupted: whether Ctrl-C ended it.
@@ -127,7 +152,7 @@ class Tracking:
                     "choose another, or replace it with --force"
                 )
         self.on_event: Callable[[str], None] = lambda _: None
-        self.arm = ArmModel.from_urdf(options.arm, *options.ends())
+        self.arm = options.model()
         self.device = read_device(options.device)
         self.uncertainty: CalibrationUncertainty | None = None
         if options.result is not None:
@@ -136,7 +161,8 @@ class Tracking:
         self.tool = NO_TOOL
         if options.tool is not None:
             self.tool = read_tool(options.tool, anyway=options.anyway)
-        kinematics = TipKinematics(self.arm, self.tool, self.uncertainty)
+        self.payload, self._on_payload = self._carried()
+        kinematics = TipKinematics(self.arm, self.tool, self.uncertainty, self.payload)
         self._tracker = Tracker(self.arm, self.device.names, kinematics, options.device)
         self.events: list[str] = []
         self.interrupted = False
@@ -147,17 +173,43 @@ class Tracking:
 
         self._bus = Bus(self.device, reconnect=True, on_event=note)
 
-    @property
-    def warmth(self) -> str:
-        """What must be known of an arm whose lengths grow with warmth; empty for any other."""
-        calibration = self.uncertainty
-        return "" if calibration is None else taken_as_cool(self.arm.offered, calibration.values)
+    def _carried(self) -> tuple[FloatArray | None, str]:
+        """What the tip carries, and what must be known of it, of an arm that yields."""
+        given, calibration = self.options.payload, self.uncertainty
+        beside = () if calibration is None else calibration.beside_geometry
+        if not any(self.arm.offered[name].key in (COMPLIANCE, *BENDING) for name in beside):
+            if given is not None:
+                expected = "--result of an arm with compliances: a load moves no other arm"
+                raise InputError("a payload", expected, where="--payload")
+            return None, ""
+        if given is not None:
+            return np.array(given), ""
+        assert calibration is not None
+        try:
+            job = load_job(read_json_object(calibration.path), calibration.path)
+        except InputError:
+            return None, (
+                "The job of the result is not there. So the tip is taken to carry nothing, and "
+                "gravity to point along -z of the root link. If it carries a load, give --payload."
+            )
+        chain = self.options.chain
+        samples = [t.poses.samples for t in job.observations if t.poses.chain in ("", chain)]
+        stated = [s.payload for s in samples if s.payload is not None]
+        loads = np.unique(np.vstack([np.zeros((0, 4)), *stated]), axis=0)
+        if len(loads) > 1:
+            return None, (
+                f"The samples state loads of {loads[0, 0]:g} to {loads[-1, 0]:g} kg. The tip is "
+                "taken to carry nothing: give --payload if it does."
+            )
+        return (loads[0] if len(loads) else None), ""
 
     @property
-    def lag(self) -> str:
-        """What must be known of an arm whose joints lag by where they came from; else empty."""
-        calibration = self.uncertainty
-        return "" if calibration is None else followed(self.arm.offered, calibration.values)
+    def notes(self) -> list[str]:
+        """What must be known of the poses: of warmth, of joints that lag, and of a load."""
+        values = {} if self.uncertainty is None else self.uncertainty.values
+        about = (taken_as_cool, followed)
+        notes = [say(self.arm.offered, values) for say in about]
+        return [note for note in (*notes, self._on_payload) if note]
 
     @property
     def statistics(self) -> Statistics:
@@ -217,7 +269,7 @@ class Tracking:
 
     def as_dict(self) -> dict[str, Any]:
         """What was tracked, and what happened, as JSON data."""
-        calibration, statistics = self.uncertainty, self.statistics
+        calibration, statistics, load = self.uncertainty, self.statistics, self.payload
         last = self.session.last_valid
         counts = {key: value for key, value in vars(statistics).items() if isinstance(value, int)}
         flags = {
@@ -240,7 +292,10 @@ class Tracking:
             "device": str(self.device.path),
             "tool_mm": mm(self.tool.tip).tolist(),
             "uncertainty": uncertainty,
-            "notes": [note for note in (self.warmth, self.lag) if note],
+            "payload": None
+            if load is None
+            else {"mass_kg": float(load[0]), "position_mm": mm(load[1:]).tolist()},
+            "notes": self.notes,
             **self.session.summary(),
             "last": last and pose_dict(last),
             "stream": counts | {"flags": flags},

@@ -14,7 +14,6 @@ from suta_calib.errors import InputError, JobError
 from suta_calib.job import inputs_copy
 from suta_calib.job.inputs_copy import InputsCopy
 from suta_calib.measurements.yaml_file import YamlSection, read_yaml
-from suta_calib.tracking.uncertainty import read_json_object
 
 # Folders of copies that were unpacked: they are removed when the program ends, for an arm goes on
 # to read its URDF.
@@ -100,14 +99,3 @@ def _in_place(inputs: Mapping[str, Any], file: Path, otherwise: str) -> Path:
 def arm_of_job(origin: MadeFrom) -> ArmSpec:
     """The arm of a result's job; the samples may be gone."""
     return read_arm(YamlSection(read_yaml(origin.path, JobError), JobError))
-
-
-def tracked_ends(result: Path, chain: str) -> tuple[str, str | None]:
-    """Tip and base of what a result's job calibrated; of several chains, of the one of this name.
-
-    Raises:
-        InputError: the result cannot be read, its job is gone, or it has several chains and this
-            is none of them.
-    """
-    origin = made_from(read_json_object(result), result, "the tip with --tip")
-    return arm_of_job(origin).one(chain)

@@ -25,6 +25,7 @@ from suta_calib.errors import InputError
 from suta_calib.geometry.symbols import symbolic_skew
 from suta_calib.geometry.travel import FLICKER, TURNS, JointMemory
 from suta_calib.model.arm import ArmModel
+from suta_calib.model.cell import own_names
 from suta_calib.model.kinematics import Condition
 from suta_calib.model.parameters import BACKLASH, HYSTERESIS, ParameterSet
 from suta_calib.model.robot import AnyArm
@@ -139,16 +140,22 @@ class TipKinematics:
         uncertainty: of the calibration that wrote the arm's URDF; what that could not hold
             (eccentric encoders, yielding joints) is corrected from it. Joints that lag by where
             they came from are followed from the first reading on, one call after the other.
+        payload: (4,) what the tip carries: a mass, kg, and its centre in the frame of the tip, m;
+            nothing by default. It moves the tip of an arm that yields.
 
     Raises:
         InputError: the uncertainty is not this arm's.
     """
 
     def __init__(
-        self, arm: ArmModel, tool: Tool = NO_TOOL, uncertainty: CalibrationUncertainty | None = None
+        self,
+        arm: ArmModel,
+        tool: Tool = NO_TOOL,
+        uncertainty: CalibrationUncertainty | None = None,
+        payload: FloatArray | None = None,
     ) -> None:
         self._known = uncertainty is not None
-        self._run = Batched(_compiled(arm, tool, uncertainty), 1)
+        self._run = Batched(_compiled(arm, tool, uncertainty, payload), 1)
         # Of an arm whose joints remember: where each has come from since the first reading.
         remembers = len(self._run.inputs) > 1
         self._memories = [JointMemory(0.5 * FLICKER) for _ in arm.joints] if remembers else []
@@ -181,7 +188,12 @@ def quaternion(rotation: FloatArray) -> FloatArray:
     return -xyzw if xyzw[3] < 0 else xyzw
 
 
-def _compiled(arm: ArmModel, tool: Tool, uncertainty: CalibrationUncertainty | None) -> Any:
+def _compiled(
+    arm: ArmModel,
+    tool: Tool,
+    uncertainty: CalibrationUncertainty | None,
+    payload: FloatArray | None,
+) -> Any:
     """CasADi function: readings → rotation (9, column by column), position, std, turn_std (3)."""
     names, factor = ((), np.zeros((0, 0))) if uncertainty is None else uncertainty.folded(arm)
     beside = {} if uncertainty is None else uncertainty.beside_geometry
@@ -189,8 +201,11 @@ def _compiled(arm: ArmModel, tool: Tool, uncertainty: CalibrationUncertainty | N
     q = ca.SX.sym("q", len(arm.joints))
     remembered = any(arm.offered[name].key in _LAGS for name in beside)
     inputs = [q, *([ca.SX.sym("travel", TURNS * q.numel())] if remembered else [])]
-    conditions: tuple[Condition, ...] = ("travel",) if remembered else ()
-    flat, tip, jacobian = arm.function(names, conditions)(nominal, *inputs)
+    conditions: list[Condition] = ["travel"] if remembered else []
+    loaded = [] if payload is None else [ca.DM(payload)]
+    conditions += ["payload"] if loaded else []
+    function = arm.function(names, conditions)
+    flat, tip, jacobian = function(nominal, *inputs, *loaded)
     R = ca.reshape(flat, 3, 3)
     lever = R @ ca.DM(tool.tip)
     by_error = (jacobian[:, :3].T - symbolic_skew(lever) @ jacobian[:, 3:].T) @ ca.DM(factor)
@@ -290,4 +305,8 @@ def matched_joints(
         InputError: the device lacks one; names it and what the device has.
     """
     chain = " and ".join(f"{chain.base} → {chain.tip}" for chain in arm.chained)
-    return columns_of(arm.joints, device_joints, f"the chain {chain}", device)
+    own = own_names(arm.joints)
+    # The device of one robot of a cell calls its joints as that robot's URDF does.
+    alone = own and {*own.values()} <= {*device_joints} and not {*own} & {*device_joints}
+    joints = [own.get(name, name) for name in arm.joints] if alone else arm.joints
+    return columns_of(joints, device_joints, f"the chain {chain}", device)

@@ -99,10 +99,11 @@ def test_the_tip_to_track_is_that_of_a_chain_of_the_result(
         results / name for name in ("calibrated.urdf", "result.json", "no.yaml")
     )
     tracked = TrackOptions(urdf, None, device, result=result, chain="right")
-    assert tracked.ends() == ("right_hand", None)
-    assert TrackOptions(urdf, "left_hand", device).ends() == ("left_hand", None)
+    assert tracked.model().chain.ends == ("base_link", "right_hand")
+    alone = TrackOptions(urdf, "left_hand", device)
+    assert alone.model().chain.ends == ("base_link", "left_hand")
     with pytest.raises(InputError, match="a tip and a chain; expected only one of them"):
-        TrackOptions(urdf, "left_hand", device, result=result, chain="left").ends()
+        TrackOptions(urdf, "left_hand", device, result=result, chain="left").model()
     for given, message in (
         (("--result", result), "several chains; expected the name of one of left, right"),
         (("--result", result, "--chain", "lift"), "did you mean 'left'?"),
