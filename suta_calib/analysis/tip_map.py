@@ -169,6 +169,12 @@ class TipMap(Displayable):
         if self.registered.rms > THRESHOLDS[-1]:
             limits = " to ".join(f"{mm(limit):g}" for limit in THRESHOLDS)
             care.append(f"Laboratories require {limits} mm of the whole navigation system.")
+        if sensors := self.knowledge.arm.tilt_sensors:
+            links = listed([sensor.link for sensor in sensors])
+            care.append(
+                f"These figures are without the tilt sensors of {links}: "
+                "with their readings, what leans these links in the model does not move the tip."
+            )
         if cool := taken_as_cool(self.knowledge.arm.offered, self.knowledge.values):
             care.append(cool)
         return Assessment.of(sentence, bad=bad, care=care)

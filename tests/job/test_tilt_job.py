@@ -161,6 +161,8 @@ def test_a_result_is_validated_exported_and_not_tracked(
     found = answer("validate", urdf, job, "--result", record)["metrics"]["validation"]["after"]
     rms = result.metrics["validation"]["after"].rms
     assert abs(found["rms_mm"] - 1e3 * rms) < 0.01
+    mapped = answer("tip-map", job)["verdict"]["notes"]
+    assert any("without the tilt sensors of base_link, column" in note for note in mapped)
     read = read_result(out)
     exported = write_foreign(read, "urdf")
     assert "tilt[column].share" in exported.lost
