@@ -17,7 +17,7 @@ import resource
 import sys
 import tempfile
 from pathlib import Path
-from time import perf_counter
+from time import process_time
 from typing import Any
 
 
@@ -78,13 +78,13 @@ def solve(job: dict[str, Any], folder: Path) -> dict[str, Any]:
             return self.apply_measurement_weighting(residuals)
 
     robot = pin.RobotWrapper(pin.buildModelFromUrdf(job["urdf"]))  # no meshes
-    began = perf_counter()
+    began = process_time()
     found = Tracked(robot, str(folder / "config.yaml"), del_list=[])
     found.calib_config["known_baseframe"] = False
     found.calib_config["known_tipframe"] = False
     found.initialize()
     found.solve(plotting=False, enable_logging=False, html_report=False)
-    seconds = perf_counter() - began
+    seconds = process_time() - began
     count = len(next(iter(predict["joints"].values())))
     q = np.tile(pin.neutral(found.model), (count, 1))
     for name, readings in predict["joints"].items():

@@ -21,7 +21,7 @@ from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from time import perf_counter
+from time import process_time
 
 ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"), "1")
 os.environ.update(ONE_THREAD)
@@ -162,8 +162,8 @@ the sockets is estimated again. `make measured` wrote this page and ran every fi
 * *Ours* is `suta-calib calibrate`. It learns the noise and the size of the priors from the fitted
   samples. *As stated* is ours without that: noise and priors are what the job says.
 
-For ours, the time is from reading the job's files to the result; for the others it is the time of
-the fit alone. Everybody has one thread. Memory is the peak of the process, with its libraries. To
+Times are processor time on one thread: for ours from reading the job's files to the result with its
+verdict, for the others of the fit alone. Memory is the peak of the process, with its libraries. To
 add your own jobs, run `python benchmarks/measured.py FOLDER`.
 """
 
@@ -179,9 +179,9 @@ not contain zero. *Too few to say*: fewer than six placements were drawn from.
 # ── one process for each ─────────────────────────────────────────────────────────────────────
 def ours(path: Path) -> tuple[Answer, Answer, str]:
     """Before and after, and our own sentence about it."""
-    began = perf_counter()
+    began = process_time()
     result: Calibration = CalibrationJob.load(path).run()
-    seconds = perf_counter() - began
+    seconds = process_time() - began
     blocks = [term.blocks[0] for term in result.accuracy.validation]
     before, after = (
         np.concatenate([getattr(block, which) for block in blocks]) for which in ("before", "after")
@@ -195,10 +195,10 @@ def ours(path: Path) -> tuple[Answer, Answer, str]:
 
 def as_stated(path: Path) -> Answer:
     """Ours with the noise and the priors of the job, nothing learned."""
-    began = perf_counter()
+    began = process_time()
     job = CalibrationJob.load(path)
     result = replace(job, chosen=replace(job.options(), weights=None)).run()
-    seconds = perf_counter() - began
+    seconds = process_time() - began
     errors = [term.blocks[0].after for term in result.accuracy.validation]
     return Answer(np.concatenate(errors), seconds, _memory_mb())
 

@@ -12,7 +12,7 @@ import tempfile
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from time import perf_counter
+from time import process_time
 from typing import Any
 
 import numpy as np
@@ -45,7 +45,7 @@ class Answer:
 
     Attributes:
         errors: (n,) of every held-out sample, m.
-        seconds: from measurements to answer.
+        seconds: processor time from measurements to answer.
         memory_mb: most that the process had, its libraries included; None where not its own.
         note: what must be known of it.
     """
@@ -95,7 +95,7 @@ class PlainScipy:
 
     def solve(self) -> Answer:
         """Fit, then predict every validation term."""
-        began = perf_counter()
+        began = process_time()
         names, groups = [p.name for p in self.unknowns], np.unique(self.groups).tolist()
         nominal = np.array([p.nominal for p in self.unknowns])
         weight = np.array([ASSUMED_NOISE / p.prior if p.prior else 0.0 for p in self.unknowns])
@@ -118,7 +118,7 @@ class PlainScipy:
 
         start = np.concatenate([nominal, *starts])
         found = least_squares(residuals, start, x_scale="jac", max_nfev=MOST_EVALUATIONS)
-        seconds = perf_counter() - began
+        seconds = process_time() - began
         values, frames = unpack(found.x)
         errors = [self.held_out(term, values, frames) for term in self.job.validation]
         note = "" if found.status > 0 else STOPPED

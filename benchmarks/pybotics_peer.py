@@ -12,7 +12,7 @@ import importlib.metadata
 import sys
 from functools import reduce
 from pathlib import Path
-from time import perf_counter
+from time import process_time
 from typing import Any, Literal
 
 import numpy as np
@@ -52,12 +52,12 @@ def predicted(
         most: evaluations.
 
     Returns:
-        (n, 3) positions in the instrument, m; seconds of the fit; whether it converged.
+        (n, 3) positions in the instrument, m; processor seconds of the fit; whether it converged.
     """
     sys.path.append(str(folder))  # last: what our own environment has too comes from there
     from pybotics.optimization import OptimizationHandler, optimize_accuracy
 
-    began = perf_counter()
+    began = process_time()
     handler = OptimizationHandler(
         robot_of(table, instrument),
         kinematic_chain_mask=[True] * (4 * len(table.joints)),
@@ -76,7 +76,7 @@ def predicted(
         x_scale="jac",
         max_nfev=most,
     )
-    seconds = perf_counter() - began
+    seconds = process_time() - began
     handler.apply_optimization_vector(found.x)
     return positions(handler.robot, q), seconds, found.status > 0
 
