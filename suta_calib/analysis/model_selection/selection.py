@@ -56,9 +56,9 @@ from suta_calib.units import Unit, text
 from suta_calib.words import listed
 
 # Chance, for all tests, below which the residuals prove a term; standard errors it needs otherwise.
-# By touch or by variance: where 75 touches are tested for dozens of errors, the first alone misses three
-# of 20 eccentric encoders beside geometry that is off. Held-out errors must agree: of 100 sound
-# sets at most five are given anything.
+# By touch or by variance: where 75 touches are tested for dozens of errors, the first alone misses
+# three of 20 eccentric encoders beside geometry that is off. Held-out errors must agree: of 100
+# sound sets at most five are given anything.
 PROVEN: Final = 0.05
 UNPROVEN: Final = 3.0
 
