@@ -140,7 +140,7 @@ def page(found: dict[str, list[dict[str, Outcome]]]) -> str:
 def main() -> None:
     """Run the study, and write its table."""
     arguments = argparse.ArgumentParser(description=__doc__)
-    arguments.add_argument("--seeds", type=int, default=40)
+    arguments.add_argument("--seeds", type=int, default=20)
     arguments.add_argument("--processes", type=int, default=2)
     given = arguments.parse_args()
     found = dict[str, list[dict[str, Outcome]]]()
