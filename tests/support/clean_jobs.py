@@ -80,8 +80,9 @@ def shaken(exact: Term, random: np.random.Generator) -> tuple[Term, Term]:
     if term.place in samples.labels:
         places = samples.labels[term.place]
         held_out = np.isin(places, np.unique(places)[:2])
-    huber = Noise(None, 1.35e-3)
-    return replace(term.take(~held_out), noise=huber), term.take(held_out)
+    # What has no lengths is robust by its angles.
+    key = "noise" if hasattr(term, "noise") else "angular_noise"
+    return replace(term.take(~held_out), **{key: Noise(None, 1.35e-3)}), term.take(held_out)
 
 
 def judged(

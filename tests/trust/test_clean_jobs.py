@@ -11,7 +11,7 @@ from suta_calib.assessment import Assessment
 
 def knows_lengths(kind: str) -> bool:
     """Whether something that a kind uses has a scale, which is then named once."""
-    return kind not in ("fixed_point", "line", "plane")
+    return kind not in ("fixed_point", "line", "plane", "gravity")
 
 
 def is_good(found: Assessment, kind: str) -> bool:
@@ -34,6 +34,12 @@ def test_what_init_frees_is_good(kind: str, oriented: bool) -> None:
         (note,) = found.notes
         assert "joint_3.y could not be determined" in note
         assert "tracked_point" in note
+    elif kind == "gravity":
+        # No length shows in it, and nothing past the last joint.
+        lengths, past_it = found.notes
+        assert "could not be determined" in lengths
+        assert "cannot determine joint_6.rz, joint_6.y, tip.x" in past_it
+        assert found.level == "care"
     else:
         assert is_good(found, kind)
 

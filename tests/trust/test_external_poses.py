@@ -56,13 +56,13 @@ def solved(name: str) -> Solution:
     return solve(Problem([known], ParameterSet()))
 
 
-# Distances between seats are the same wherever the artefact stands.
-NOWHERE = "pairwise_distance"
-each_with_frames = pytest.mark.parametrize("name", [n for n in AVAILABLE if n != NOWHERE])
+# Distances between seats are the same wherever the artefact stands, and gravity is everywhere.
+NOWHERE = ("pairwise_distance", "gravity")
+each_with_frames = pytest.mark.parametrize("name", [n for n in AVAILABLE if n not in NOWHERE])
 
 
-def test_only_distances_stand_nowhere() -> None:
-    assert [name for name in AVAILABLE if not scene(name).exact().own_parameters] == [NOWHERE]
+def test_only_distances_and_gravity_stand_nowhere() -> None:
+    assert {name for name in AVAILABLE if not scene(name).exact().outside} == {*NOWHERE}
 
 
 @each_with_frames
