@@ -9,6 +9,7 @@ import pytest
 
 from suta_calib import registry
 from suta_calib.errors import SutaCalibWarning
+from suta_calib.exchange.option import formats_of
 from suta_calib.exchange.reader import Reader
 from suta_calib.registry import Group, all_classes, other_classes, shipped
 from suta_calib.terms import KINDS, Term
@@ -50,7 +51,9 @@ def outside(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
         monkeypatch.setattr(registry, "_found", {})
         return set(all_classes("readers", Reader, "suta_calib.exchange.readers"))
 
-    return found
+    yield found
+    # What was found of it is not to be found again by others.
+    formats_of.cache_clear()
 
 
 def test_a_class_of_another_package_is_found(outside) -> None:
