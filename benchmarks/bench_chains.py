@@ -82,10 +82,13 @@ def main() -> None:
         found.append(json.loads(ran.stdout.splitlines()[-1]))
     columns = ("rows", "unknowns of the arms", "answer, s", "peak, MB", "kB per row more")
     table = number_table("Two arms on one torso, one job", *columns)
-    slopes = [float("nan")]
-    slopes += [1024 * (b["peak"] - a["peak"]) / (b["rows"] - a["rows"]) for a, b in pairwise(found)]
+    slopes = ["–"]
+    slopes += [
+        f"{1024 * (b['peak'] - a['peak']) / (b['rows'] - a['rows']):.1f}"
+        for a, b in pairwise(found)
+    ]
     for one, slope in zip(found, slopes, strict=True):
-        numbers = f"{one['seconds']:.2f}", f"{one['peak']:.0f}", f"{slope:.1f}"
+        numbers = f"{one['seconds']:.2f}", f"{one['peak']:.0f}", slope
         table.add_row(f"{one['rows']:,}", str(one["unknowns"]), *numbers)
     Console(width=100).print(table)
     if found[0]["seconds"] > SECONDS:

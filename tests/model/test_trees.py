@@ -122,7 +122,9 @@ class Reference:
     def carry(self, payload: np.ndarray) -> None:
         """Let the tip carry a mass at a point of its frame."""
         tip = self.model.frames[self.model.getFrameId(self.arm.chain.tip_link, pin.FrameType.BODY)]
-        self._add(tip.parentJoint, payload[0], tip.placement.act(payload[1:]))
+        # Pinocchio before 3 calls it otherwise.
+        joint = tip.parentJoint if hasattr(tip, "parentJoint") else tip.parent
+        self._add(joint, payload[0], tip.placement.act(payload[1:]))
 
     def weigh(self, beside: Mapping[str, float]) -> None:
         """Give what joints carry the masses of these values, about the same centres.
