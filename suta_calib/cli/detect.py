@@ -30,7 +30,8 @@ from suta_calib.vision import detect as detected
 )
 @option(
     "--lens MODEL",
-    "Model of the lens, if it is known; default: the model that predicts left-out pictures best.",
+    "Model of the lens, if it is known: plumb_bob, rational_polynomial or equidistant (fisheye); "
+    "default: the model that predicts left-out pictures best.",
     click.Choice([*LENSES]),
 )
 @option("--camera-out CAMERA.yaml", "File for the calibrated camera.", WRITTEN)

@@ -360,6 +360,14 @@ class _Postures:
         rows = read_readings(path)
         if not isinstance(rows, ImportedRows):
             raise ForeignFileError(rows.sentence, "joint readings", file=path)
+        if rows.dropped:
+            # One posture less, and every rest after it would go with the posture of another.
+            raise ForeignFileError(
+                f"{rows.dropped} row{'s' * (rows.dropped != 1)} with a missing number",
+                "every joint's reading in every row, one row for each rest",
+                file=path,
+                hint="fill in the reading, or delete both the row and its rest",
+            )
         columns = {n: v for n, v in rows.columns.items() if n not in ("time", *ACCELERATION)}
         time = rows.columns.get("time")
         if time is None or time.dtype.kind != "f":

@@ -110,9 +110,11 @@ def detect_document(detection: Detection, *, pictures: bool = False) -> Document
         ]
     if detection.fit is not None:
         sure = detection.fit.projection
+        middle, worst = (text(std, "px") for std in (sure.middle, sure.worst))
         known = (
-            f"Where the camera sees a far point is known to ± {text(sure.middle, 'px')} px in the "
-            f"middle of the picture, and to ± {text(sure.worst, 'px')} px where it is worst"
+            f"The lens is of the model {detection.fit.camera.lens.name}. Where the camera sees a "
+            f"far point is known to ± {middle} px in the middle of the picture, and to ± {worst} "
+            "px where it is worst: if that part matters, take pictures with the board there"
         )
         parts += [Text(known), Figure(partial(_sure, detection.fit), "How sure the projection is")]
     if pictures:

@@ -197,6 +197,18 @@ def test_counts_that_differ_are_told_with_the_times(tmp_path: Path) -> None:
         imported(disturbed, postures=str(six))
 
 
+def test_a_posture_that_lacks_a_number_is_no_row_to_leave_out(tmp_path: Path) -> None:
+    """Every rest after it would go with the posture of another."""
+    path = sensor_logger(tmp_path / "log.csv", TIME, FELT)
+    file, _ = postures(tmp_path / "postures.csv", len(UP))
+    lines = file.read_text().splitlines()
+    lines[3] = ",".join(["nan", *lines[3].split(",")[1:]])
+    file.write_text("\n".join(lines) + "\n")
+    says = r"postures\.csv: found 1 row with a missing number; expected every joint's reading"
+    with pytest.raises(InputError, match=says):
+        imported(path, postures=str(file))
+
+
 def _without(rows: slice) -> tuple[FloatArray, FloatArray]:
     kept = np.ones(len(TIME), dtype=bool)
     kept[rows] = False

@@ -68,7 +68,7 @@ class KalibrWriter(Writer):
 
     name = "kalibr"
     summary = "camera as a camchain.yaml of kalibr (pinhole with radtan or equidistant)"
-    example = "results --format kalibr --camera_name cam0 --out camchain.yaml"
+    example = "results --format kalibr --camera-name cam0 --out camchain.yaml"
     options = (NAME,)
     file = "exported_camchain.yaml"
 
