@@ -150,7 +150,7 @@ class ClockAlignment(Displayable):
 
 
 @dataclass(frozen=True, eq=False)
-class _Fit:
+class _ClockFit:
     """One candidate: the fast clock's time is ``at + shift + (1 + drift) (time - at)``.
 
     Attributes:
@@ -178,7 +178,7 @@ def align_clocks(first: Recorded, second: Recorded) -> ClockAlignment:
     slow, fast = (second, first) if coarser else (first, second)
     for recorded in (slow, fast):
         _check_motion(recorded)
-    search = _Search(slow, fast)
+    search = _ShiftSearch(slow, fast)
     best = search.best()
     at, covariance, step = search.judged(best)
     # The slow clock's time t is the fast one's at + shift + (1 + drift) (t - at).
@@ -258,7 +258,7 @@ def _invariants(body: Body, pairs: IntArray) -> FloatArray:
     return screw_invariants(step.rotation, step.position)
 
 
-class _Search:
+class _ShiftSearch:
     """The shift and drift that make the motions of two recordings agree.
 
     The slow one is taken at its rows, the fast one between its rows.
@@ -271,7 +271,7 @@ class _Search:
         self._pairs = _pairs(time, slow.clock.step)
         self._measured = [_invariants(slow.body, pairs) for pairs in self._pairs]
 
-    def clock_rows(self, fit: _Fit) -> BoolArray:
+    def clock_rows(self, fit: _ClockFit) -> BoolArray:
         """(n,) rows of the slow recording that the fast one covers."""
         return Between.of(self._fast.clock, self._other(fit.shift, fit.drift)).known
 
@@ -288,7 +288,7 @@ class _Search:
             numbers[~between.known[pairs].all(axis=1)] = np.nan
         return seen
 
-    def best(self) -> _Fit:
+    def best(self) -> _ClockFit:
         """The best candidate, which no other equals."""
         fits = [fit for start in self._candidates() if (fit := self._refined(*start)) is not None]
         fits.sort(key=lambda fit: -fit.agreement)
@@ -345,7 +345,7 @@ class _Search:
                 chosen.append(peak)
         return [(shift, drift) for _, shift, drift in chosen]
 
-    def _refined(self, shift: float, drift: float) -> _Fit | None:
+    def _refined(self, shift: float, drift: float) -> _ClockFit | None:
         """The least squares nearest to a start; None where too little is covered by both."""
         for _ in range(12):
             linear = self._linear(shift, drift)
@@ -365,14 +365,14 @@ class _Search:
                 break
         return self._fit(shift, drift)
 
-    def _fit(self, shift: float, drift: float) -> _Fit | None:
+    def _fit(self, shift: float, drift: float) -> _ClockFit | None:
         seen = _tamed(self._seen(shift, drift)[_MIDDLE][:, 0])
         measured = _tamed(self._measured[_MIDDLE][:, 0])
         rows = np.isfinite(seen)
         if rows.sum() < _LEAST_ROWS:
             return None
         agreement = _correlated(seen[rows], measured[rows])
-        return _Fit(shift, drift, np.abs(seen - measured), rows, agreement)
+        return _ClockFit(shift, drift, np.abs(seen - measured), rows, agreement)
 
     def _linear(
         self, shift: float, drift: float
@@ -418,7 +418,7 @@ class _Search:
         residual, jacobian, away = (np.concatenate(part) for part in zip(*parts, strict=True))
         return residual, jacobian, away
 
-    def judged(self, fit: _Fit) -> tuple[float, FloatArray, tuple[float, float] | None]:
+    def judged(self, fit: _ClockFit) -> tuple[float, FloatArray, tuple[float, float] | None]:
         """Middle of the overlap, the covariance there, and a step of the clock with its time."""
         linear = self._linear(fit.shift, fit.drift)
         assert linear is not None
@@ -467,7 +467,7 @@ class _Search:
         # Of twenty places, by Student's t of 21 degrees of freedom: once in ten thousand times.
         return found if best > 6.5 else None
 
-    def scale(self, fit: _Fit) -> tuple[float, float]:
+    def scale(self, fit: _ClockFit) -> tuple[float, float]:
         """Lengths of the slow recording over those of the fast one, and how far they agree."""
         seen = self._seen(fit.shift, fit.drift)[_MIDDLE][:, 1]
         rows = np.isfinite(seen)
@@ -541,7 +541,7 @@ def _weighted_median(values: FloatArray, weights: FloatArray) -> float:
     return float(values[order[np.searchsorted(share, 0.5 * share[-1])]])
 
 
-def _as_good(other: _Fit, best: _Fit) -> bool:
+def _as_good(other: _ClockFit, best: _ClockFit) -> bool:
     """Whether chance explains that another fit is worse where both are defined."""
     rows = other.rows & best.rows
     if rows.sum() < _LEAST_ROWS:

@@ -39,7 +39,7 @@ _FASTEST: Final = 100.0
 
 
 @dataclass(frozen=True, eq=False)
-class Recording:
+class JointRecording:
     """Moments at which an arm was read, one after the other; stretches without gaps are runs.
 
     Attributes:
@@ -57,7 +57,7 @@ class Recording:
     error: FloatArray
 
     @classmethod
-    def of(cls, time: FloatArray, readings: FloatArray, runs: IntArray) -> Recording:
+    def of(cls, time: FloatArray, readings: FloatArray, runs: IntArray) -> JointRecording:
         """Of moments in order (k,), what was read then (k, joints), and which run each is of."""
         k, joints = readings.shape
         edges = [0, *(1 + np.flatnonzero(np.diff(runs))).tolist(), k]
@@ -100,7 +100,7 @@ class Recording:
 
 
 @dataclass(frozen=True, eq=False)
-class Motion:
+class JointMotion:
     """How an arm moved near some rows of a recording.
 
     Attributes:
@@ -110,7 +110,7 @@ class Motion:
         rows: how many the recording has.
     """
 
-    recording: Recording
+    recording: JointRecording
     moment: IntArray
     q: FloatArray
     rows: int
@@ -132,16 +132,16 @@ class Motion:
         return q.shape == self.q.shape and bool(np.all(np.abs(q - self.q) < noise))
 
     def beyond(self, offset: float | FloatArray) -> FloatArray:
-        """(4, n, joints) `Recording.at`, readings counted from those of the rows."""
+        """(4, n, joints) `JointRecording.at`, readings counted from those of the rows."""
         there = self.recording.at(self.moment, offset)
         there[0] -= self.recording.powers[0, self.moment]
         return there
 
-    def take(self, rows: IntArray) -> Motion:
+    def take(self, rows: IntArray) -> JointMotion:
         """Near some of the rows."""
         return replace(self, moment=self.moment[rows], q=self.q[rows])
 
-    def over_joints(self, places: IntArray, count: int) -> Motion:
+    def over_joints(self, places: IntArray, count: int) -> JointMotion:
         """With so many joints, of which those of the readings have these places."""
 
         def wider(array: FloatArray) -> FloatArray:
@@ -170,7 +170,7 @@ class TimedRows(NamedTuple):
     origin: Sequence[str]
 
 
-def motion_of(rows: TimedRows, turning: BoolArray) -> Motion:
+def motion_of(rows: TimedRows, turning: BoolArray) -> JointMotion:
     """How an arm moved near the rows of a recording.
 
     Args:
@@ -197,9 +197,9 @@ def motion_of(rows: TimedRows, turning: BoolArray) -> Motion:
     for run in range(runs[-1] + 1):
         mine = np.flatnonzero(runs == run)
         readings[np.ix_(mine, turning)] = np.unwrap(readings[np.ix_(mine, turning)], axis=0)
-    recording = Recording.of(time, readings, runs)
+    recording = JointRecording.of(time, readings, runs)
     _check_smooth(rows.origin[0].rpartition(":")[0] or "samples", readings, runs, recording)
-    return Motion(recording, moment.astype(np.intp), rows.q, len(rows.q))
+    return JointMotion(recording, moment.astype(np.intp), rows.q, len(rows.q))
 
 
 def _windows(count: int) -> IntArray:
@@ -288,7 +288,9 @@ def _check_unit(time: FloatArray, readings: FloatArray, file: IntArray) -> None:
         )
 
 
-def _check_smooth(place: str, readings: FloatArray, runs: IntArray, recording: Recording) -> None:
+def _check_smooth(
+    place: str, readings: FloatArray, runs: IntArray, recording: JointRecording
+) -> None:
     """Refuse an arm that did not move, and rows that tell nothing of how it moved between them."""
     steps = np.diff(readings, axis=0)[np.diff(runs) == 0]
     known = np.isfinite(recording.error).all(axis=1)

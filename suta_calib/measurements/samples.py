@@ -15,7 +15,7 @@ from suta_calib.display import Displayable
 from suta_calib.errors import SamplesError
 from suta_calib.geometry.numbers import are_rotations
 from suta_calib.geometry.travel import Said, travel_of
-from suta_calib.measurements.motion import Motion, TimedRows, motion_of
+from suta_calib.measurements.motion import JointMotion, TimedRows, motion_of
 from suta_calib.plotting.look import MOST_LABELLED
 from suta_calib.plotting.scene import PlacedPoints, Posable, Scene, drawn_rows
 from suta_calib.units import FARTHEST, REFERENCE_TEMPERATURE
@@ -79,7 +79,7 @@ class Samples(Displayable):
     felt: Mapping[str, FloatArray] = field(default_factory=dict)
     time: FloatArray | None = None
     travel: FloatArray | None = None
-    motion: Motion | None = None
+    motion: JointMotion | None = None
 
     def __post_init__(self) -> None:
         if not self.origin:

@@ -5,7 +5,13 @@ from __future__ import annotations
 from functools import partial
 from typing import Final, NamedTuple
 
-from suta_calib.analysis.residual_map import Candidate, Curve, LeftOut, ResidualMap, Validated
+from suta_calib.analysis.residual_map import (
+    JointCurve,
+    LeftOut,
+    MapCandidate,
+    ResidualMap,
+    Validated,
+)
 from suta_calib.analysis.residual_map.export import correction_record, python_text, table_text
 from suta_calib.analysis.residual_map.plots import draw_residual_map, size_of
 from suta_calib.analysis.residual_map.result import SORTS
@@ -21,7 +27,7 @@ TITLE: Final = "What the calibration leaves"
 class _Test(NamedTuple):
     """One test of a candidate."""
 
-    candidate: Candidate
+    candidate: MapCandidate
     test: LeftOut
 
 
@@ -46,7 +52,7 @@ TESTS: Final = Listing[_Test](
 class _Validation(NamedTuple):
     """Validation rows of one row of the job."""
 
-    candidate: Candidate
+    candidate: MapCandidate
     rows: Validated
 
 
@@ -72,11 +78,11 @@ VALIDATION: Final = Listing[_Validation](
 )
 
 
-def _largest(curve: Curve) -> float:
+def _largest(curve: JointCurve) -> float:
     return float(abs(curve.correction).max())
 
 
-CURVES: Final = Listing[Curve](
+CURVES: Final = Listing[JointCurve](
     "Correction of each joint",
     Column("joint", "joint"),
     Column("largest", "largest", _largest, lambda curve: curve.unit, form=".4f"),

@@ -96,7 +96,7 @@ class CameraFit(Displayable):
 
 
 @dataclass(frozen=True, eq=False)
-class Fitted:
+class FittedCamera:
     """A camera with one lens, fitted to pictures.
 
     Attributes:
@@ -200,8 +200,8 @@ def _fitted(
     names: list[str],
     board: Board,
     size: tuple[int, int],
-    known: Fitted | None = None,
-) -> Fitted:
+    known: FittedCamera | None = None,
+) -> FittedCamera:
     """The camera of these pictures with such a lens, by least squares of the reprojection errors.
 
     Args:
@@ -249,7 +249,7 @@ def _fitted(
     scale = np.outer(unit, unit)
     inverse = np.linalg.pinv(schur / scale, rcond=1e-14, hermitian=True) / scale
     camera = Camera(*size, state.intrinsics, variance * np.asarray(inverse), lens=lens)
-    return Fitted(camera, _of_corners(used, board, errors), used, seen, state)
+    return FittedCamera(camera, _of_corners(used, board, errors), used, seen, state)
 
 
 def _searched(start: Camera, used: Corners, board: Board) -> tuple[PicturesSeen, State] | None:
@@ -302,7 +302,7 @@ def _starts(
     names: list[str],
     board: Board,
     size: tuple[int, int],
-    known: Fitted | None,
+    known: FittedCamera | None,
 ) -> Iterator[Camera]:
     """Cameras from which the search for the best one begins, the likeliest first."""
     bent = np.zeros(len(lens.distortion))
@@ -359,15 +359,15 @@ def rms_by_view(corners: Corners, residuals: FloatArray) -> dict[str, float]:
 
 def _best_lens(
     corners: Corners, names: list[str], board: Board, width: int, height: int, lens: Lens | None
-) -> Fitted:
+) -> FittedCamera:
     """The camera with this lens, or with the one whose predictions of left-out pictures are best.
 
     The first model stays, unless another predicts pictures that it has not seen better by more than
     chance: one with more coefficients fits its own pictures better in any case.
     """
     wanted = (lens,) if lens else (PLUMB_BOB, EQUIDISTANT, RATIONAL)
-    best: Fitted | None = None
-    straight: Fitted | None = None
+    best: FittedCamera | None = None
+    straight: FittedCamera | None = None
     problems: list[SamplesError] = []
     for model in wanted:
         try:
@@ -383,7 +383,7 @@ def _best_lens(
     return best
 
 
-def _predicts_better(other: Fitted, best: Fitted) -> bool:
+def _predicts_better(other: FittedCamera, best: FittedCamera) -> bool:
     """Whether one camera's errors in left-out pictures are smaller by more than chance."""
     # Schwarz (1978), doi:10.1214/aos/1176344136, for four coefficients and some thousand numbers;
     # and fewer pictures tell nothing.

@@ -26,7 +26,7 @@ from suta_calib import (
 )
 from suta_calib.arrays import FloatArray
 from suta_calib.errors import SutaCalibWarning
-from suta_calib.measurements.motion import Motion
+from suta_calib.measurements.motion import JointMotion
 from suta_calib.solver import Ipopt
 from suta_calib.solver.compiled_residual import TermErrors, term_residuals
 from suta_calib.solver.problem import Problem
@@ -36,7 +36,7 @@ OFFSET = TimeOffset(bound=0.1)
 CLOCK = "time_offset[default]"
 
 
-def motion_in(time: Any, q: Any, origin: Any = None, turning: Any = (False, False)) -> Motion:
+def motion_in(time: Any, q: Any, origin: Any = None, turning: Any = (False, False)) -> JointMotion:
     q = np.asarray(q, dtype=float)
     joints = [f"j{k}" for k in range(q.shape[1])]
     samples = Samples.from_arrays(joints, q, time=time, origin=origin)

@@ -1,8 +1,8 @@
 from .plots import draw_residual_map as draw_residual_map
 from .plots import size_of as size_of
-from .result import Candidate as Candidate
-from .result import Curve as Curve
+from .result import JointCurve as JointCurve
 from .result import LeftOut as LeftOut
+from .result import MapCandidate as MapCandidate
 from .result import ResidualMap as ResidualMap
 from .result import Validated as Validated
 from .search import ResidualMapOptions as ResidualMapOptions

@@ -10,7 +10,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from suta_calib.analysis.residual_map.result import Curve, ResidualMap
+from suta_calib.analysis.residual_map.result import JointCurve, ResidualMap
 from suta_calib.arrays import FloatArray
 
 # Postures by which the standard deviation of a map over posture is written: of more the matrix
@@ -103,7 +103,7 @@ def correction_record(residual_map: ResidualMap) -> dict[str, Any] | None:
     return record | _posture_record(residual_map)
 
 
-def _curve_record(curve: Curve) -> dict[str, Any]:
+def _curve_record(curve: JointCurve) -> dict[str, Any]:
     # Beyond its ends a table goes on as it ends: with nothing.
     correction = np.r_[0.0, curve.correction[1:-1], 0.0]
     return {

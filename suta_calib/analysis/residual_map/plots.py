@@ -6,7 +6,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from suta_calib.analysis.residual_map.result import Curve, ResidualMap
+from suta_calib.analysis.residual_map.result import JointCurve, ResidualMap
 from suta_calib.arrays import FloatArray
 from suta_calib.plotting import BLUE, GREY, WIDTH, draw_histogram
 from suta_calib.plotting.look import TINT
@@ -104,7 +104,7 @@ def _two(residual_map: ResidualMap) -> tuple[int, int]:
     return ranked[0], ranked[1] if len(ranked) > 1 else ranked[0]
 
 
-def _curve(axes: Any, curve: Curve, residual_map: ResidualMap) -> None:
+def _curve(axes: Any, curve: JointCurve, residual_map: ResidualMap) -> None:
     x = _shown(curve.unit, curve.reading)
     middle, std = (_shown(curve.unit, part) for part in (curve.correction, curve.std))
     axes.fill_between(x, middle - 2 * std, middle + 2 * std, color=TINT, label="± 2 standard dev.")

@@ -122,7 +122,7 @@ class Validated(Displayable):
 
 
 @dataclass(frozen=True, eq=False)
-class Candidate(Displayable):
+class MapCandidate(Displayable):
     """One sort of map that was tried.
 
     Attributes:
@@ -152,7 +152,7 @@ class Candidate(Displayable):
 
 
 @dataclass(frozen=True, eq=False)
-class Curve(Displayable):
+class JointCurve(Displayable):
     """What is to be added to the reading of a joint.
 
     Attributes:
@@ -185,8 +185,8 @@ class ResidualMap(Displayable):
     arm: ArmModel
     values: Mapping[str, float]
     residuals: TipResiduals
-    tried: tuple[Candidate, ...]
-    chosen: Candidate | None
+    tried: tuple[MapCandidate, ...]
+    chosen: MapCandidate | None
 
     @property
     def in_a_line(self) -> str:
@@ -199,7 +199,7 @@ class ResidualMap(Displayable):
         return self.chosen is not None
 
     @property
-    def best(self) -> Candidate:
+    def best(self) -> MapCandidate:
         """The map that predicts left-out postures best, whether it is used or not."""
         return min(self.tried, key=lambda c: c.tests[0].metrics[1].rms)
 
@@ -272,7 +272,7 @@ class ResidualMap(Displayable):
         return mean, std
 
     @cached_property
-    def curves(self) -> tuple[Curve, ...]:
+    def curves(self) -> tuple[JointCurve, ...]:
         """What each joint is off by, where the map is one of joints; most effect first."""
         if self.chosen is None or self.chosen.sort != "joints":
             return ()
@@ -292,7 +292,7 @@ class ResidualMap(Displayable):
             )
             tip = float(np.sqrt(np.mean(np.sum(moved**2, axis=1))))
             unit = self.arm.units[joint]
-            curves.append(Curve(joint, unit, reading, correction, std * self.wider, tip))
+            curves.append(JointCurve(joint, unit, reading, correction, std * self.wider, tip))
         return tuple(sorted(curves, key=lambda curve: -curve.tip))
 
     def plot(self, figure: Any = None) -> Any:

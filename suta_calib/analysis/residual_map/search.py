@@ -27,8 +27,8 @@ from suta_calib.analysis.residual_map.residuals import (
 )
 from suta_calib.analysis.residual_map.result import (
     SORTS,
-    Candidate,
     LeftOut,
+    MapCandidate,
     ResidualMap,
     Validated,
 )
@@ -139,7 +139,7 @@ def _candidate(
     held_out: Mapping[str, TipResiduals],
     seed: int,
     steps: _Steps,
-) -> Candidate:
+) -> MapCandidate:
     process = _processes().fitted_process(sort, residuals, seed)
     steps()
     tests = [_left_out("posture", process, residuals, seed, steps)]
@@ -150,7 +150,7 @@ def _candidate(
         mean, _ = process.predict(rows.q, rows.jacobian)
         before, after = (np.linalg.norm(e, axis=1) for e in (rows.error, rows.error - mean))
         validated.append(Validated(name, before, after))
-    return Candidate(sort, tuple(tests), process, tuple(validated))
+    return MapCandidate(sort, tuple(tests), process, tuple(validated))
 
 
 def _left_out(

@@ -15,7 +15,7 @@ from suta_calib.trust.misreadings import Change, Misreading, files_of, out_of_st
 SET_IN: Final = ("first", "middle", "last")
 
 
-class Clock(Misreading):
+class WrongClock(Misreading):
     """The partner of row i is ever later in the file, or is k rows later from some part on."""
 
     name = "clock of the instrument"
