@@ -20,8 +20,8 @@ from suta_calib.arrays import BoolArray, FloatArray
 # Intrinsics in the order in which they stand everywhere: these four in px, then the distortion, 1.
 FOCAL: Final = ("fx", "fy")
 CENTRE: Final = ("cx", "cy")
-# Angle from the axis up to which a lens may see that is said to see behind itself, rad: the widest
-# that are sold see 220°, 140° at each side of them would be beyond.
+# Angle from the axis up to which a lens that sees behind itself may see, rad. The widest that are
+# sold see 220°, which is 110° from the axis.
 _WIDEST: Final = np.radians(120.0)
 
 
@@ -121,13 +121,11 @@ class Lens:
 
     def directions(self, pixels: ArrayLike, intrinsics: ArrayLike | Sequence[float]) -> FloatArray:
         """Unit vectors (..., 3) in the camera's frame to what is seen at pixels (..., 2)."""
-        values = np.asarray(intrinsics, dtype=float)
-        seen = (np.asarray(pixels, dtype=float) - values[2:4]) / values[:2]
         if not self.sees_behind:
-            there = np.concatenate(
-                [_straightened(self, seen, values), np.ones((*seen.shape[:-1], 1))], -1
-            )
+            ideal = self.undistorted(pixels, intrinsics)
+            there = np.concatenate([ideal, np.ones_like(ideal[..., :1])], axis=-1)
             return np.asarray(there / np.linalg.norm(there, axis=-1, keepdims=True))
+        seen, values = _less_focus(pixels, intrinsics)
         length = np.linalg.norm(seen, axis=-1)
         angle = _angle_of(length, values[4:])
         part = np.sin(angle) / np.where(length > 0, length, 1.0)
@@ -138,14 +136,19 @@ class Lens:
 
         Of what is beside or behind the camera they are NaN.
         """
-        values = np.asarray(intrinsics, dtype=float)
         if not self.sees_behind:
-            return _straightened(
-                self, (np.asarray(pixels, dtype=float) - values[2:4]) / values[:2], values
-            )
-        there = self.directions(pixels, values)
+            return _straightened(self, *_less_focus(pixels, intrinsics))
+        there = self.directions(pixels, intrinsics)
         depth = np.where(there[..., 2:] > 1e-3, there[..., 2:], np.nan)
         return np.asarray(there[..., :2] / depth)
+
+
+def _less_focus(
+    pixels: ArrayLike, intrinsics: ArrayLike | Sequence[float]
+) -> tuple[FloatArray, FloatArray]:
+    """Pixels (..., 2) as a camera with focal length one has them; intrinsics as an array."""
+    values = np.asarray(intrinsics, dtype=float)
+    return (np.asarray(pixels, dtype=float) - values[2:4]) / values[:2], values
 
 
 def _straightened(lens: Lens, observed: FloatArray, values: FloatArray) -> FloatArray:

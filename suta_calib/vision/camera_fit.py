@@ -223,9 +223,8 @@ def _fitted(
         found = _searched(start, used, board)
         if found is None:
             continue
-        off = _sum_of_squares(*found)
-        if off < least:
-            best, least = found, off
+        if found[2] < least:
+            best, least = found[:2], found[2]
         # A search that ended at corners that are found to a pixel ended well.
         if least < len(used):
             break
@@ -252,13 +251,18 @@ def _fitted(
     return FittedCamera(camera, _of_corners(used, board, errors), used, seen, state)
 
 
-def _searched(start: Camera, used: Corners, board: Board) -> tuple[PicturesSeen, State] | None:
-    """All pictures about the camera of least squares; None where it has some of them behind itself.
+def _searched(
+    start: Camera, used: Corners, board: Board
+) -> tuple[PicturesSeen, State, float] | None:
+    """All pictures about the camera of least squares, and their sum of squares, px².
+
+    None where it has some of them behind itself.
 
     A first camera may see some boards nowhere, and others in a wrong pose: those that it sees
     improve it, and it is asked again.
     """
-    camera, found = start, None
+    found: tuple[PicturesSeen, State, float] | None = None
+    camera = start
     for _ in range(3):
         seen, state, posed = seen_by(camera, used, board)
         before = _sum_of_squares(seen, state)
@@ -267,8 +271,8 @@ def _searched(start: Camera, used: Corners, board: Board) -> tuple[PicturesSeen,
         state = refined(seen, state, _WIDE.stds(start), robust=False, settled=1e-3)
         after = _sum_of_squares(seen, state)
         camera = replace(start, intrinsics=state.intrinsics)
-        if posed.all() and (found is None or after < _sum_of_squares(*found)):
-            found = seen, state
+        if posed.all() and (found is None or after < found[2]):
+            found = seen, state, after
         if posed.all() and after < len(used):
             break
     return found

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+from abc import abstractmethod
+from collections.abc import Mapping
 from typing import Any, Final
 
 from suta_calib.analysis.residual_map.export import python_text, table_text
@@ -22,6 +24,14 @@ class BesideWriter(Writer):
     holds_everything = True
     notes = ("The file corrects what the calibration leaves. It does not contain the calibration.",)
 
+    @abstractmethod
+    def text(self, record: Mapping[str, Any]) -> str:
+        """The file's text, of the correction's record."""
+
+    def content(self, result: Result, _given: Given) -> bytes:
+        """The text of the correction beside a result."""
+        return self.text(_record(result, self.name)).encode()
+
 
 class ResidualMapWriter(BesideWriter):
     """A module without any import of this package, which corrects readings or the tip."""
@@ -31,9 +41,9 @@ class ResidualMapWriter(BesideWriter):
     example = "results --format residual-map --out residual_map.py"
     file = "exported_residual_map.py"
 
-    def content(self, result: Result, _given: Given) -> bytes:
+    def text(self, record: Mapping[str, Any]) -> str:
         """The module's text."""
-        return python_text(_record(result, self.name)).encode()
+        return python_text(record)
 
 
 class ResidualTableWriter(BesideWriter):
@@ -44,9 +54,9 @@ class ResidualTableWriter(BesideWriter):
     example = "results --format residual-table --out residual_map.csv"
     file = "exported_residual_map.csv"
 
-    def content(self, result: Result, _given: Given) -> bytes:
+    def text(self, record: Mapping[str, Any]) -> str:
         """The table's text."""
-        return table_text(_record(result, self.name)).encode()
+        return table_text(record)
 
 
 def _record(result: Result, form: str) -> dict[str, Any]:
