@@ -172,7 +172,8 @@ CHANCE = """\
 replacement, 2,000 times: single samples, or whole placements of the sockets. The 95 % interval
 holds the middle 95 % of these differences. *Level*: all of it is below 0.0005 mm. *Within chance*:
 it contains zero, so these samples cannot say who is better. *Ours better* and *ours worse*: it does
-not contain zero. *Too few to say*: fewer than six placements were drawn from.
+not contain zero. *Too few to say*: fewer than six placements were drawn from. Other rows of ours
+are compared with the first of them: *ours worse* there means that this other job is better.
 """
 
 
