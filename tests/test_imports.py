@@ -24,7 +24,7 @@ ROWS = (
     {"geometry", "batched", "plotting"},
     {"model", "measurements"},
     {"terms", "robots"},
-    {"arm_keys"},
+    {"arm_additions", "arm_keys"},
     {"solver"},
     {"simulation"},
     {"trust"},
