@@ -48,5 +48,5 @@ def _classes(hint: Any) -> tuple[type, ...]:
     options = get_args(hint) if get_origin(hint) in (Union, UnionType) else (hint,)
     wider: dict[Any, type] = {float: Real, int: Integral, Sequence: Iterable}
     kinds = [get_origin(option) or option for option in options]
-    known = all(isinstance(kind, type) and kind is not np.ndarray for kind in kinds)
-    return tuple(wider.get(kind, kind) for kind in kinds) if known else ()
+    checkable = all(isinstance(kind, type) and kind is not np.ndarray for kind in kinds)
+    return tuple(wider.get(kind, kind) for kind in kinds) if checkable else ()

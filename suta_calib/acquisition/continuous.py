@@ -203,35 +203,36 @@ class Continuous:
         self.finish()
         if not self.count:
             return []
-        found, lines, left_out = None, list[str](), 0
+        contacts, lines, left_out = None, list[str](), 0
         touching = np.ones(len(self._seen), dtype=np.bool_)
         if self._surface is not None:
             rows, strokes = thinned(
                 self._postures, self._seen, touching.tolist(), apart=self._apart
             )
             try:
-                found = contact(self._surface, self._seen, rows, strokes)
-                touching = found.touching
+                contacts = contact(self._surface, self._seen, rows, strokes)
+                touching = contacts.touching
                 left_out = int(np.sum(~touching[rows]))
             except SamplesError as error:
                 lines.append(f"lift-off and slip were not tested: {error}")
         rows, strokes = thinned(self._postures, self._seen, touching.tolist(), **self._thinning_of)
-        if found is not None:
+        if contacts is not None:
             self._file.exchange(
-                self._before, [self._row(k, s, found) for k, s in zip(rows, strokes, strict=True)]
+                self._before,
+                [self._row(k, s, contacts) for k, s in zip(rows, strokes, strict=True)],
             )
             self.count = len(rows)
         n = len(np.unique(strokes))
         self.swept = Swept(self.count, n)
-        if found is not None:
+        if contacts is not None:
             self.swept = replace(
                 self.swept,
                 left_out=left_out,
-                lift_offs=found.lift_offs,
-                slips=found.slips,
-                scatter=found.scatter,
+                lift_offs=contacts.lift_offs,
+                slips=contacts.slips,
+                scatter=contacts.scatter,
             )
-        return [self._summary(self.swept), *lines, *self._told(found), *self._advice(n)]
+        return [self._summary(self.swept), *lines, *self._told(contacts), *self._advice(n)]
 
     def _take(self, moment: Moment) -> None:
         self._seen.append(moment)

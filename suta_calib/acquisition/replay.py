@@ -49,8 +49,8 @@ class RecordedStream:
         table = _read(path)
         names = tuple(name for name in table.columns if name not in NO_JOINTS)
         if "time" not in table.columns or not names:
-            found = f"only the columns {', '.join(table.columns)}"
-            raise SamplesError(found, "a column time, in s, and one per joint, in rad", file=path)
+            columns = f"only the columns {', '.join(table.columns)}"
+            raise SamplesError(columns, "a column time, in s, and one per joint, in rad", file=path)
         angles = np.column_stack([_numbers(table.columns[name]) for name in names])
         angles[np.abs(angles) > _LARGEST] = np.nan
         for name, column in zip(names, angles.T, strict=True):

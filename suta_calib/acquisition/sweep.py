@@ -166,10 +166,10 @@ class KeptPostures:
             return True
         if self._tree is None:
             return False
-        found, _ = self._tree.query(
+        nearest, _ = self._tree.query(
             self._postures.coordinates(angles), p=np.inf, distance_upper_bound=apart
         )
-        return bool(found < apart)
+        return bool(nearest < apart)
 
     def _plant(self) -> None:
         if self._in_tree:

@@ -235,8 +235,8 @@ class Telling:
         rng = np.random.default_rng(0)
         begin = self._kinematics.random_readings(rng, len(q)) if starts else q
         targets = Targets(there, np.tile(np.eye(3), (len(q), 1, 1)), "position")
-        found = self._kinematics.solve(targets, begin, rng, max(starts, 1))
-        on = found.q[found.reached]
+        solved = self._kinematics.solve(targets, begin, rng, max(starts, 1))
+        on = solved.q[solved.reached]
         if len(on) < len(q) / 2:
             return set()
         touching = self._surface.term(on, _names(np.zeros(len(on), dtype=np.intp)))
@@ -299,12 +299,12 @@ def _precision(problem: Problem) -> FloatArray:
     """
     parameters = list(problem.parameters.values())
     variance = np.array([_plausible(p.key, p.plausible) for p in parameters]) ** 2
-    known = 1.0 / variance
-    known[problem.arm_count :] = 0.0
+    weight = 1.0 / variance
+    weight[problem.arm_count :] = 0.0
     lengths = np.array([p.nominal if p.key in POSITION else 0.0 for p in parameters])
     lengths[problem.arm_count :] = 0.0
     of_size = lengths / max(float(lengths @ lengths), 1e-12) / _SIZE
-    return np.asarray(np.diag(known) + np.outer(of_size, of_size))
+    return np.asarray(np.diag(weight) + np.outer(of_size, of_size))
 
 
 def _plausible(key: str, plausible: float) -> float:
@@ -374,8 +374,8 @@ def _slipped(
         before, start = start, _boundary(refit, number, new)
         if start == before:
             break
-    found = _moved(refit, number, new, strokes)
-    return (None, fit) if found is None else (before, refit)
+    moved = _moved(refit, number, new, strokes)
+    return (None, fit) if moved is None else (before, refit)
 
 
 def _moved(

@@ -118,8 +118,8 @@ def _arm(urdf: Path | XacroFile | str, tips: Sequence[str], base: str | None) ->
 
 def _converted(path: Path) -> ImportedFile | None:
     """A description of an arm that is none of URDF, as a URDF; None where it is one."""
-    found = recognised_format(path)
-    if found is None or "import" not in found.read_by:
+    format_name = recognised_format(path)
+    if format_name is None or "import" not in format_name.read_by:
         return None
     made = read_foreign(path)
     return made if isinstance(made, ImportedFile) and made.kind == ".urdf" else None

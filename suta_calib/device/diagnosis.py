@@ -15,8 +15,8 @@ from suta_calib.errors import DeviceError, DeviceSilentError, WrongFormatError
 def describe_bytes(data: bytes, spec: DeviceSpec) -> str:
     """``found …; expected …; hint`` about bytes among which there is nothing of the format."""
     form, text = format_of(spec), is_text(data)
-    others = (other for other in FORMATS.values() if other is not form)
-    other = next((other for other in others if other.recognises(data)), None)
+    other_formats = (other for other in FORMATS.values() if other is not form)
+    other = next((other for other in other_formats if other.recognises(data)), None)
     if text:
         lines = [line for line in re.split(rb"[\r\n]+", data) if line.strip()]
         # The first may have been cut off at its beginning.

@@ -113,12 +113,12 @@ def swept_by_hand(
             place = np.asarray(point, dtype=float)
             start = reached(kinematics, place, rotation, "position", start, rng)
         rotation, place = arm.forward(start, values)
-        found = np.empty((len(coarse), len(arm.joints)))
+        postures = np.empty((len(coarse), len(arm.joints)))
         for k, row in enumerate(coarse):
             there = place + way[row]
             start = reached(kinematics, there, rotation @ tilts[row], matching, start, rng)
-            found[k] = start
-        return found
+            postures[k] = start
+        return postures
 
     def along(rough: FloatArray) -> Curve:
         """The whole motion about postures at the coarse knots."""

@@ -133,10 +133,10 @@ class Between:
         where = time[rows]
         weights = np.zeros((len(at), 4))
         for k in range(4):
-            others = [j for j in range(4) if j != k]
-            apart = where[:, [k]] - where[:, others]
-            apart[apart == 0] = 1.0
-            weights[:, k] = np.prod((at[:, None] - where[:, others]) / apart, axis=1)
+            other_rows = [j for j in range(4) if j != k]
+            differences = where[:, [k]] - where[:, other_rows]
+            differences[differences == 0] = 1.0
+            weights[:, k] = np.prod((at[:, None] - where[:, other_rows]) / differences, axis=1)
         share = (at - time[first]) / (time[first + 1] - time[first])
         line = np.stack([np.zeros_like(at), 1.0 - share, share, np.zeros_like(at)], axis=1)
         weights = np.where(cubic, weights, line)

@@ -283,10 +283,10 @@ class _ShiftSearch:
         """The invariants (k, 2) of the fast recording, of each span; NaN where it has none."""
         between = Between.of(self._fast.clock, self._other(shift, drift))
         body = poses_between(self._fast.body, between)
-        seen = [_invariants(body, pairs) for pairs in self._pairs]
-        for pairs, numbers in zip(self._pairs, seen, strict=True):
+        invariants = [_invariants(body, pairs) for pairs in self._pairs]
+        for pairs, numbers in zip(self._pairs, invariants, strict=True):
             numbers[~between.known[pairs].all(axis=1)] = np.nan
-        return seen
+        return invariants
 
     def best(self) -> _ClockFit:
         """The best candidate, which no other equals."""
@@ -303,9 +303,9 @@ class _ShiftSearch:
                 hint="do they overlap, and is the one body rigidly connected to the other?",
             )
         best = fits[0]
-        apart = max(_SPANS[_MIDDLE], 2 * self._slow.clock.step)
+        spacing = max(_SPANS[_MIDDLE], 2 * self._slow.clock.step)
         for other in fits[1:]:
-            if abs(other.shift - best.shift) > apart and _as_good(other, best):
+            if abs(other.shift - best.shift) > spacing and _as_good(other, best):
                 raise ForeignFileError(
                     "a motion that repeats itself: two shifts that are "
                     f"{abs(best.shift - other.shift):.4g} s apart fit equally well",
@@ -326,13 +326,13 @@ class _ShiftSearch:
         peaks = list[tuple[float, float, float]]()
         least = max(_LEAST_SHARE * min(lengths) / step, 4.0)
         for drift in np.concatenate([-drifts[:0:-1], drifts]).tolist():
-            seen = _on_grid(self._fast, drift, step)
-            correlation = _correlation(measured, seen, least)
+            resampled = _on_grid(self._fast, drift, step)
+            correlation = _correlation(measured, resampled, least)
             padded = np.concatenate([[-1.0], correlation, [-1.0]])
             high = (correlation >= padded[:-2]) & (correlation > padded[2:]) & (correlation > 0.3)
             for k in np.flatnonzero(high)[np.argsort(-correlation[high])][:12].tolist():
                 # Where the fast one's beginning lies on the slow one's grid.
-                lag = (k - (len(seen) - 1)) * step
+                lag = (k - (len(resampled) - 1)) * step
                 begin = slow.time[0] + lag
                 shift = fast.time[0] + (1.0 + drift) * (self.at - begin) - self.at
                 peaks.append((float(correlation[k]), float(shift), drift))
@@ -366,13 +366,13 @@ class _ShiftSearch:
         return self._fit(shift, drift)
 
     def _fit(self, shift: float, drift: float) -> _ClockFit | None:
-        seen = _tamed(self._seen(shift, drift)[_MIDDLE][:, 0])
+        turns = _tamed(self._seen(shift, drift)[_MIDDLE][:, 0])
         measured = _tamed(self._measured[_MIDDLE][:, 0])
-        rows = np.isfinite(seen)
+        rows = np.isfinite(turns)
         if rows.sum() < _LEAST_ROWS:
             return None
-        agreement = _correlated(seen[rows], measured[rows])
-        return _ClockFit(shift, drift, np.abs(seen - measured), rows, agreement)
+        agreement = _correlated(turns[rows], measured[rows])
+        return _ClockFit(shift, drift, np.abs(turns - measured), rows, agreement)
 
     def _linear(
         self, shift: float, drift: float
@@ -432,8 +432,8 @@ class _ShiftSearch:
         scores = np.zeros((_BLOCKS, 2))
         np.add.at(scores, block, jacobian * residual[:, None])
         # A few blocks may hold most of what tells the shift: so many are worth as much as all.
-        told = np.bincount(block, jacobian[:, 0] ** 2, _BLOCKS)
-        worth = max(float(told.sum() ** 2 / np.sum(told**2)), 3.0)
+        information = np.bincount(block, jacobian[:, 0] ** 2, _BLOCKS)
+        worth = max(float(information.sum() ** 2 / np.sum(information**2)), 3.0)
         covariance = worth / (worth - 2.0) * inverse @ (scores.T @ scores) @ inverse
         middle = float(0.5 * (covered[0] + covered[-1]))
         to_middle = np.array([[1.0, middle], [0.0, 1.0]])
@@ -447,14 +447,14 @@ class _ShiftSearch:
         self, jacobian: FloatArray, residual: FloatArray, block: Any, edges: FloatArray
     ) -> tuple[float, float] | None:
         """By how much, s, the other clock jumps, and when on the slow one, s."""
-        told, pull = np.zeros(_BLOCKS), np.zeros(_BLOCKS)
-        np.add.at(told, block, jacobian[:, 0] ** 2)
+        information, pull = np.zeros(_BLOCKS), np.zeros(_BLOCKS)
+        np.add.at(information, block, jacobian[:, 0] ** 2)
         np.add.at(pull, block, -jacobian[:, 0] * residual)
-        offset = pull / np.maximum(told, _EPSILON)
-        weight = np.sqrt(told)
+        offset = pull / np.maximum(information, _EPSILON)
+        weight = np.sqrt(information)
         centre = np.arange(_BLOCKS) - 0.5 * (_BLOCKS - 1)
         line = weight[:, None] * np.column_stack([np.ones(_BLOCKS), centre])
-        found, best = None, 0.0
+        jump, best = None, 0.0
         for k in range(2, _BLOCKS - 1):
             columns = np.column_stack([line, weight * (np.arange(_BLOCKS) >= k)])
             inverse = np.linalg.pinv(columns.T @ columns)
@@ -463,15 +463,15 @@ class _ShiftSearch:
             scatter = float(left @ left) / (_BLOCKS - 3)
             sigmas = abs(size[2]) / np.sqrt(max(scatter * inverse[2, 2], 1e-300))
             if sigmas > best:
-                best, found = sigmas, (float(size[2]), float(self.at + edges[k - 1]))
+                best, jump = sigmas, (float(size[2]), float(self.at + edges[k - 1]))
         # Of twenty places, by Student's t of 21 degrees of freedom: once in ten thousand times.
-        return found if best > 6.5 else None
+        return jump if best > 6.5 else None
 
     def scale(self, fit: _ClockFit) -> tuple[float, float]:
         """Lengths of the slow recording over those of the fast one, and how far they agree."""
-        seen = self._seen(fit.shift, fit.drift)[_MIDDLE][:, 1]
-        rows = np.isfinite(seen)
-        both = np.stack([self._measured[_MIDDLE][rows, 1], seen[rows]], axis=1)
+        travels = self._seen(fit.shift, fit.drift)[_MIDDLE][:, 1]
+        rows = np.isfinite(travels)
+        both = np.stack([self._measured[_MIDDLE][rows, 1], travels[rows]], axis=1)
         if (np.std(both, axis=0) <= 3.0 * row_noise(both, 0)).any():
             return np.nan, np.nan
         travel = _correlated(both[:, 0], both[:, 1])

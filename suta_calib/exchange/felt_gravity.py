@@ -166,20 +166,20 @@ class GravityLog:
         postures = _Postures.read(Path(given.text(POSTURES)), given)
         rests, how = self._matched(postures, given)
         kept = [k for k, rest in enumerate(rests) if rest is not None]
-        found = [rest for rest in rests if rest is not None]
-        means = np.array([rest.angles for rest in found]) * self.usual
-        scatter = np.array([_scatter(rest) for rest in found])
+        complete = [rest for rest in rests if rest is not None]
+        means = np.array([rest.angles for rest in complete]) * self.usual
+        scatter = np.array([_scatter(rest) for rest in complete])
         columns: dict[str, NDArray[Any]] = {n: v[kept] for n, v in postures.columns.items()}
         columns |= _columns(means)
         columns["std_deg"] = deg(scatter)
-        columns["time"] = np.array([rest.end for rest in found])
+        columns["time"] = np.array([rest.end for rest in complete])
         remarks = [
-            f"{len(found)} rests, matched with {postures.path.name} {how}. Each row is the mean of "
-            f"a rest; the direction of one reading scatters by {deg(np.median(scatter)):.2g}° "
+            f"{len(complete)} rests, matched with {postures.path.name} {how}. Each row is the mean "
+            f"of a rest; the direction of one reading scatters by {deg(np.median(scatter)):.2g}° "
             "(column std_deg).",
             *self.remarks,
         ]
-        notes = [*self.notes, *self._doubts(found)]
+        notes = [*self.notes, *self._doubts(complete)]
         lost = [f"{k + 1}" for k, rest in enumerate(rests) if rest is None]
         if lost:
             notes.append(
@@ -236,7 +236,7 @@ class GravityLog:
         felt, time = self.acceleration / self.usual, self.clock.time
         noise = float(np.sqrt(np.mean(row_noise(felt, 0) ** 2)))
         half = max(4, round(0.5 * _WINDOW / self.clock.step))
-        found = list[Rest]()
+        rests = list[Rest]()
         if len(felt) > 2 * half:
             mean, square = _means(felt, half), _means(felt**2, half)
             change = np.linalg.norm(mean[half:] - mean[:-half], axis=1)
@@ -256,13 +256,13 @@ class GravityLog:
                 if time[last] - time[begin] + 2.0 * half * self.clock.step < seconds:
                     continue
                 if (mean_rest := self._rest(time[begin], time[last])) is not None:
-                    found.append(mean_rest)
-        if not found:
+                    rests.append(mean_rest)
+        if not rests:
             problem = f"{len(time)} readings in {np.ptp(time):.1f} s, but no rest of {seconds:g} s"
             expected = "an arm that rests at every posture"
             hint = f"to find shorter rests, give {SECONDS.switch} N"
             raise ForeignFileError(problem, expected, file=self.path, hint=hint)
-        return found
+        return rests
 
     def still(self, begin: float, end: float) -> Mapping[str, float] | None:
         """The mean of a time as columns; None where the sensor moved, or said too little."""
@@ -388,18 +388,18 @@ def _run_alike(time: FloatArray, rests: Sequence[Rest]) -> bool:
     begin = np.array([rest.begin for rest in rests])
     if len(begin) < 2:
         return True
-    apart = time - begin
+    since = time - begin
     most = 0.4 * float(np.median(np.diff(begin)))
-    return bool(np.abs(apart - np.median(apart)).max() < most)
+    return bool(np.abs(since - np.median(since)).max() < most)
 
 
 def _row_in_another_unit(size: FloatArray) -> int | None:
     """The first of several rows (n,) that are in g where most are in m/s², or vice versa."""
     ratio = size / np.median(size)
     for factor in (STANDARD_GRAVITY, 1.0 / STANDARD_GRAVITY):
-        others = np.flatnonzero(np.abs(ratio / factor - 1.0) < _NEAR)
-        if len(others) >= max(_FEWEST, 0.005 * len(size)):
-            return int(others[0])
+        of_same_unit = np.flatnonzero(np.abs(ratio / factor - 1.0) < _NEAR)
+        if len(of_same_unit) >= max(_FEWEST, 0.005 * len(size)):
+            return int(of_same_unit[0])
     return None
 
 

@@ -117,8 +117,8 @@ def joined(
     whole = Between.of(fast.clock, other)
     rows = np.flatnonzero(whole.known)
     if not len(rows):
-        found = f"no row at a time that {fast.path.name} covers"
-        raise ForeignFileError(found, "recordings that overlap", file=slow.path)
+        problem = f"no row at a time that {fast.path.name} covers"
+        raise ForeignFileError(problem, "recordings that overlap", file=slow.path)
     between = Between(whole.rows[rows], whole.weights[rows], whole.known[rows])
     at_rows, interpolated = slow.rows(rows), fast.between(between)
     ours, theirs = (interpolated, at_rows) if coarser else (at_rows, interpolated)

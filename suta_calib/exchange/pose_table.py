@@ -35,8 +35,8 @@ def pose_table(path: str | Path, **options: str) -> tuple[CsvTable, tuple[str, .
     reader = recognised(path)
     if path.suffix.lower() == ".csv" and reader.name == TABLE:
         return read_csv_table(path), ()
-    known = {option.name for option in reader.options}
-    rows = read_without_options(path, **{k: v for k, v in options.items() if k in known})
+    option_names = {option.name for option in reader.options}
+    rows = read_without_options(path, **{k: v for k, v in options.items() if k in option_names})
     if not isinstance(rows, ImportedRows):
         hint = "suta-calib import SOURCE --out FILE converts it"
         raise ForeignFileError(rows.sentence, "poses", file=path, hint=hint)

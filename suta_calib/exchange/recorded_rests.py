@@ -133,11 +133,11 @@ def seen_poses(
     time: FloatArray, body: Body, rests: Sequence[Rest], prefix: str
 ) -> list[Seen | None]:
     """The mean pose of a body during each rest; None where it was not seen."""
-    found = list[Seen | None]()
+    bodies = list[Seen | None]()
     for rest in rests:
         rows = np.flatnonzero((time >= rest.begin) & (time <= rest.end) & body.observed)
         if not len(rows):
-            found.append(None)
+            bodies.append(None)
             continue
         during, rotation = body.take(rows), None
         if during.rotation is not None:
@@ -145,5 +145,5 @@ def seen_poses(
             left, _, right = np.linalg.svd(during.rotation.mean(axis=0))
             rotation = (left @ right)[None]
         columns = pose_columns(during.position.mean(axis=0)[None], rotation, prefix)
-        found.append({name: float(values[0]) for name, values in columns.items()})
-    return found
+        bodies.append({name: float(values[0]) for name, values in columns.items()})
+    return bodies

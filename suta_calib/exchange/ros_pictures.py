@@ -119,9 +119,9 @@ def camera_of(message: Any) -> tuple[Camera | None, str]:
         return None, "it is of a camera that was not calibrated"
     lens = lens_called(message.distortion_model)
     if lens is None or len(distortion) > len(lens.distortion):
-        known = ", ".join(LENSES)
+        lens_names = ", ".join(LENSES)
         model = f"{message.distortion_model} with {len(distortion)} coefficients"
-        return None, f"its distortion model is {model}, none of {known}"
+        return None, f"its distortion model is {model}, none of {lens_names}"
     if not np.isfinite(distortion).all():
         return None, "its distortion is not a number"
     coefficients = np.zeros(len(lens.distortion))

@@ -40,14 +40,14 @@ def travel_of(q: FloatArray, time: FloatArray) -> FloatArray:
         (n, joints, TURNS); zero where there are fewer. In the first row of a recording there are
         none: nobody knows where the joint came from, and it counts as in the middle of its play.
     """
-    found = np.zeros((*q.shape, TURNS))
+    columns = np.zeros((*q.shape, TURNS))
     flicker = _flicker(q)
     starts = [0, *(np.flatnonzero(np.diff(time) < 0) + 1).tolist(), len(q)]
     for begin, end in pairwise(starts):
         for joint in range(q.shape[1]):
             readings = q[begin:end, joint].tolist()
-            _fill(found[begin:end, joint], readings, 0.5 * float(flicker[joint]))
-    return found
+            _fill(columns[begin:end, joint], readings, 0.5 * float(flicker[joint]))
+    return columns
 
 
 def _flicker(q: FloatArray) -> FloatArray:

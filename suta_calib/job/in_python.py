@@ -33,10 +33,10 @@ def terms_over(arm: ArmModel | Robot, name: str, terms: Term | Sequence[Term]) -
         raise InputError(repr(arm), "an ArmModel or a Robot", where="calibrate: arm")
     chains = arm.arms if isinstance(arm, ArmModel) else (*arm.chains.values(), *arm.arms)
     try:
-        found = (terms,) if isinstance(terms, Term) else tuple(terms)
+        several = (terms,) if isinstance(terms, Term) else tuple(terms)
     except TypeError:
         raise InputError(repr(terms), "terms", where=where) from None
-    for term in found:
+    for term in several:
         if not isinstance(term, Term):
             hint = (
                 "make one with from_arrays of its kind, such as TrackedPoint.from_arrays(arm, q, …)"
@@ -47,7 +47,7 @@ def terms_over(arm: ArmModel | Robot, name: str, terms: Term | Sequence[Term]) -
         if term.poses.arm not in chains:
             hint = "read the arm once, and give it to every term and to calibrate"
             raise InputError(f"{term!r} of another ArmModel", "this arm", where=where, hint=hint)
-    return found if isinstance(arm, ArmModel) else over_chains_of(arm, found)
+    return several if isinstance(arm, ArmModel) else over_chains_of(arm, several)
 
 
 def unknowns_of(arm: AnyArm, free: Free) -> tuple[tuple[Selection, ...], ParameterSet]:

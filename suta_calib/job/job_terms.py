@@ -118,11 +118,11 @@ def _of_other_chain(robot: Robot, chain: str, error: SamplesError) -> str:
     ranges = {name: joint_ranges(arm) for name, arm in robot.laid_out.items()}
     suits = [name for name, joints in ranges.items() if has_readings(error.file, joints)]
     between = {seen_from(*pair) for pair in permutations(robot.chains, 2)}
-    others = " or ".join(name for name in suits if name not in between)
-    if not others or chain in suits:
+    other_keys = " or ".join(name for name in suits if name not in between)
+    if not other_keys or chain in suits:
         return ""
-    remedy = "" if chain in between else f"write chain: {others}, or "
-    return f"the file has the joints of {others}: {remedy}name another file"
+    remedy = "" if chain in between else f"write chain: {other_keys}, or "
+    return f"the file has the joints of {other_keys}: {remedy}name another file"
 
 
 def _timed(row: ObservationSpec) -> bool:

@@ -228,14 +228,14 @@ def _parameters(arm: AnyArm, grade: ArmGrade) -> Iterator[str]:
 
 def _explained(folders: Mapping[tuple[str, str], tuple[str, str]]) -> Iterator[str]:
     """The rows of fitted samples, with what each kind is said once."""
-    told = set[str]()
+    printed = set[str]()
     for (kind, chain), (folder, _) in folders.items():
         term = KINDS[kind]
         huber = {f"huber_{term.unit}": "1.35"} if term.unit else {}
         keys = _keys(kind, chain, folder) | huber
-        if kind not in told:
+        if kind not in printed:
             yield _wrapped(f"{kind}: {term.about}", "  # ")
-        told.add(kind)
+        printed.add(kind)
         first, *others = (f"{key}: {value}" for key, value in keys.items())
         yield "\n    ".join([f"  - {first}", *others])
         if finds_places(term):

@@ -396,9 +396,9 @@ def _counts(name: str, least: int, what: str) -> Field:
         values = top.numbers(key, 2)
         columns, rows = (int(value) for value in values)
         if [columns, rows] != values or min(values) < least or columns * rows > _MOST_POINTS:
-            found = f"{values[0]:g} and {values[1]:g}"
+            both = f"{values[0]:g} and {values[1]:g}"
             expected = f"two whole numbers from {least} up: columns, rows"
-            raise top.refuse(found, expected, at=(key,))
+            raise top.refuse(both, expected, at=(key,))
         return columns, rows
 
     return Field(name, Value("columns, rows", read), f"Numbers of {what}.", required=True)

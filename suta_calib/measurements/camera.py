@@ -206,8 +206,8 @@ def _coefficients(top: YamlSection, lens: Lens) -> list[float]:
     few = lens is not PLUMB_BOB and count < len(names)
     many = count > len(names) if lens.sees_behind else any(values[len(names) :])
     if few or many:
-        others = [other for other in LENSES.values() if len(other.distortion) == count]
-        hint = f"{count} coefficients are those of {others[0].name}" if others else ""
+        other_lenses = [other for other in LENSES.values() if len(other.distortion) == count]
+        hint = f"{count} coefficients are those of {other_lenses[0].name}" if other_lenses else ""
         raise section.refuse(
             f"{count} coefficients for the distortion model {lens.name}",
             f"{len(names)}: {', '.join(names)}",

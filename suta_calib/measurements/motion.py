@@ -293,7 +293,7 @@ def _check_smooth(
 ) -> None:
     """Refuse an arm that did not move, and rows that tell nothing of how it moved between them."""
     steps = np.diff(readings, axis=0)[np.diff(runs) == 0]
-    known = np.isfinite(recording.error).all(axis=1)
+    complete = np.isfinite(recording.error).all(axis=1)
     size = float(np.sqrt(np.mean(steps**2))) if len(steps) else 0.0
     if size < _SAME:
         raise SamplesError(
@@ -303,7 +303,9 @@ def _check_smooth(
             hint="remove time_offset_ms",
         )
     missed = (
-        float(np.sqrt(np.mean(recording.error[known] ** 2))) / BY_STEP if known.any() else np.inf
+        float(np.sqrt(np.mean(recording.error[complete] ** 2))) / BY_STEP
+        if complete.any()
+        else np.inf
     )
     if missed > SMOOTH * size:
         usual = float(np.median(np.diff(recording.time)[np.diff(runs) == 0]))

@@ -94,16 +94,16 @@ class Samples(Displayable):
 
         `direction`, K above 20 °C, (n, 1), `payload`, and `travel`, joint by joint side by side.
         """
-        found: dict[Said, FloatArray] = {}
+        columns: dict[Said, FloatArray] = {}
         if self.direction is not None:
-            found["direction"] = self.direction
+            columns["direction"] = self.direction
         if self.temperature is not None:
-            found["warmth"] = self.temperature[:, None] - REFERENCE_TEMPERATURE
+            columns["warmth"] = self.temperature[:, None] - REFERENCE_TEMPERATURE
         if self.payload is not None:
-            found["payload"] = self.payload
+            columns["payload"] = self.payload
         if self.travel is not None:
-            found["travel"] = self.travel.reshape(len(self), -1)
-        return found
+            columns["travel"] = self.travel.reshape(len(self), -1)
+        return columns
 
     @classmethod
     def from_arrays(
@@ -256,8 +256,8 @@ class Samples(Displayable):
 
     @property
     def _compared(self) -> FloatArray:
-        seen = [a for a in (self.q, self.position, self.rotation, self.pixels) if a is not None]
-        parts = [array.reshape(len(array), int(np.prod(array.shape[1:]))) for array in seen]
+        measured = [a for a in (self.q, self.position, self.rotation, self.pixels) if a is not None]
+        parts = [array.reshape(len(array), int(np.prod(array.shape[1:]))) for array in measured]
         return np.hstack([*parts, *(lengths[:, None] for lengths in self.numbers.values())])
 
     @classmethod

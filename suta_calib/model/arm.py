@@ -221,15 +221,15 @@ class ArmModel(Mechanism):
             UrdfError: a link that the chain does not have, that has two, or that is between another
                 tip, where the chain begins, and the link above both.
         """
-        found = dict[str, TiltSensor]()
+        by_link = dict[str, TiltSensor]()
         for sensor in sensors:
             problem = ""
             if sensor.link not in self.links:
                 expected = f"a link of the chain: {', '.join(self.links)}"
-            elif sensor.link in found:
+            elif sensor.link in by_link:
                 problem, expected = f"two tilt sensors on {sensor.link}", "one of them"
             else:
-                found[sensor.link] = sensor
+                by_link[sensor.link] = sensor
                 climbs = any(joint.climbed for joint in self.chain.joints)
                 if not climbs or sensor.link == self.chain.top:
                     continue
@@ -245,11 +245,11 @@ class ArmModel(Mechanism):
         arm, given = self._renewed(), reaches or {}
         # What leans the link above both ends of a chain leans both alike.
         leaning = [
-            link for link in self.links if link in found and not self.chain.joints[0].climbed
+            link for link in self.links if link in by_link and not self.chain.joints[0].climbed
         ]
         arm.tilted = tuple(
             TiltedLink(
-                self._upright(found[link]),
+                self._upright(by_link[link]),
                 self.links[link],
                 given[link] if link in given else self.carried_by(link)[1],
                 3 * k,
@@ -502,8 +502,8 @@ class ArmModel(Mechanism):
         """
         if not self.chain.loops:
             return np.zeros(len(q))
-        apart = self._passive_angles.map(len(q))(np.asarray(q, dtype=float).T)[0]
-        farthest: FloatArray = np.array(apart, dtype=float).max(axis=0)
+        gaps = self._passive_angles.map(len(q))(np.asarray(q, dtype=float).T)[0]
+        farthest: FloatArray = np.array(gaps, dtype=float).max(axis=0)
         return farthest
 
     @cached_property

@@ -261,15 +261,15 @@ def other_chains(tree: UrdfTree, tip: str) -> list[str]:
     # A gripper beside the tip has fewer joints.
     joints_of_an_arm = 3
     paths = sorted((tree.path_to_root(link)[::-1] for link in tree.leaves), key=len, reverse=True)
-    seen = {joint.name for joint in tree.path_to_root(tip)}
-    found = []
+    passed = {joint.name for joint in tree.path_to_root(tip)}
+    chains = []
     for path in paths:
-        own = [joint for joint in path if joint.moves and joint.name not in seen]
+        own = [joint for joint in path if joint.moves and joint.name not in passed]
         carried = any(joint.parent == tip for joint in path)
         if len(own) >= joints_of_an_arm and not carried:
-            found.append(path[-1].child)
-            seen |= {joint.name for joint in path}
-    return found
+            chains.append(path[-1].child)
+            passed |= {joint.name for joint in path}
+    return chains
 
 
 def _joints_between(tree: UrdfTree, base: str, tip: str) -> tuple[list[TreeJoint], list[TreeJoint]]:

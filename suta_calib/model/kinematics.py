@@ -525,18 +525,18 @@ class _Walk:
         self, segment: Segment, name: str, travel: Symbol | None
     ) -> tuple[Symbol, dict[str, Symbol]]:
         """How far a joint lags behind its reading because of backlash; a column tells it first."""
-        width, told = self.value(name), None
+        width, by_direction = self.value(name), None
         if self.direction is not None:
             direction = math.copysign(1.0, segment.multiplier) * self.direction[segment.column]
-            told = -0.5 * width * direction, -0.5 * direction
+            by_direction = -0.5 * width * direction, -0.5 * direction
         if travel is None:
-            lag, slope = told or (ca.SX(0), ca.SX(0))
+            lag, slope = by_direction or (ca.SX(0), ca.SX(0))
         else:
             lag, slope = _play()(travel, width)
-            if told is not None:
+            if by_direction is not None:
                 lag, slope = (
                     ca.if_else(direction == 0, own, stated)
-                    for own, stated in zip((lag, slope), told, strict=True)
+                    for own, stated in zip((lag, slope), by_direction, strict=True)
                 )
         return lag, {name: slope}
 

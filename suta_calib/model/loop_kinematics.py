@@ -119,10 +119,10 @@ class PlanarLoop:
     def _meeting(self, first: Symbol, arm: Symbol, second: Symbol, other: Symbol) -> Symbol:
         """Where circles about two centres, as large as arms are long, meet on the loop's side."""
         between = second - first
-        apart = ca.dot(between, between)
-        along = (ca.dot(arm, arm) - ca.dot(other, other) + apart) / (2 * apart)
+        squared_gap = ca.dot(between, between)
+        along = (ca.dot(arm, arm) - ca.dot(other, other) + squared_gap) / (2 * squared_gap)
         # Circles that do not meet: the nearest that they come. Who reads the samples refuses these.
-        height = ca.sqrt(ca.fmax(ca.dot(arm, arm) / apart - along**2, 1e-12))
+        height = ca.sqrt(ca.fmax(ca.dot(arm, arm) / squared_gap - along**2, 1e-12))
         return first + along * between + self.side * height * ca.vertcat(-between[1], between[0])
 
 

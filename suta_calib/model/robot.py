@@ -417,8 +417,8 @@ def joined(arms: tuple[ArmModel, ...]) -> ArmModel | Robot:
 def _check_one_robot(arms: Sequence[ArmModel]) -> None:
     first = arms[0]
     for arm in arms[1:]:
-        others = [other.chain.ends for other in arms if other is not arm]
-        if arm.urdf != first.urdf or arm.chain.ends in others:
+        other_ends = [other.chain.ends for other in arms if other is not arm]
+        if arm.urdf != first.urdf or arm.chain.ends in other_ends:
             hint = "read the robot once: Robot.from_urdf(path), and robot.chain(tip=…) for each tip"
             raise ParameterError(
                 "terms over different arms", "one arm, or chains of one robot", hint=hint

@@ -72,17 +72,17 @@ def imported_document(imported: Imported, written: Path | None = None) -> Docume
         data |= {"rows": len(imported), "dropped": imported.dropped}
         parts.append(COLUMNS.of(_Shown(*column) for column in imported.columns.items()))
     if isinstance(imported, AlignedRows):
-        found = imported.alignment
+        alignment = imported.alignment
         data["alignment"] = {
             "with": str(imported.other),
-            "shift_s": found.shift,
-            "shift_std_s": found.shift_std,
-            "at_s": found.at,
-            "drift_ppm": 1e6 * found.drift,
-            "drift_std_ppm": 1e6 * found.drift_std,
-            "worst_std_s": found.worst_std,
-            "overlap_s": found.overlap,
-            "agreement": found.agreement,
+            "shift_s": alignment.shift,
+            "shift_std_s": alignment.shift_std,
+            "at_s": alignment.at,
+            "drift_ppm": 1e6 * alignment.drift,
+            "drift_std_ppm": 1e6 * alignment.drift_std,
+            "worst_std_s": alignment.worst_std,
+            "overlap_s": alignment.overlap,
+            "agreement": alignment.agreement,
             "interpolated": str(imported.interpolated),
         }
     if written is not None:

@@ -72,9 +72,9 @@ def frame_tables(
     eye: HandEyeCalibration | CameraEstimate | None = None,
 ) -> Iterator[Table]:
     """X, and Z where the model asks for it, of an eye in words with their standard deviations."""
-    found: Any = eye or calibration
+    answer: Any = eye or calibration
     for name in calibration.unknowns:
         frame = FRAMES[calibration.setup][name]
         _, base, what = frame.split("_")
         title = f"{name} = {frame}: the {what} in the {base}, {calibration.setup}"
-        yield pose_table(title, getattr(found, name), found.std[name], f"the {what}'s axes")
+        yield pose_table(title, getattr(answer, name), answer.std[name], f"the {what}'s axes")

@@ -121,6 +121,6 @@ def _nearest_next(through: FloatArray) -> FloatArray:
     """The postures one after the other, each nearest to the one before it."""
     left, order = [*range(1, len(through))], [0]
     while left:
-        apart = np.linalg.norm(through[left] - through[order[-1]], axis=1)
-        order.append(left.pop(int(np.argmin(apart))))
+        distance = np.linalg.norm(through[left] - through[order[-1]], axis=1)
+        order.append(left.pop(int(np.argmin(distance))))
     return through[order]

@@ -413,8 +413,8 @@ def _moving(
     # What moves as fast at a lever of half a metre.
     lever = 0.5
     largest = motion.speed * np.where(slides, lever, 1.0)
-    seen = in_sight if plan.term.chance < 1.0 else None
-    return passage(motion, plan.samples, largest, postures, seen)
+    visible = in_sight if plan.term.chance < 1.0 else None
+    return passage(motion, plan.samples, largest, postures, visible)
 
 
 def _in_sight(

@@ -312,13 +312,13 @@ class TermErrors:
             shifts: (samples, joints) of the arm's readings, rad or m.
         """
         own_values = np.array([values[name] for name in self._own])
-        found = dict[_Tips, tuple[FloatArray, FloatArray]]()
+        by_tips = dict[_Tips, tuple[FloatArray, FloatArray]]()
         residuals = list[FloatArray]()
         for relative, residual, rows, tips in self._blocks:
-            if tips not in found:
+            if tips not in by_tips:
                 moved = np.asarray(shifts)
-                found[tips] = tips(values, moved[rows] if tips.late and moved.ndim else moved)
-            residuals.append(relative * residual(*found[tips], own_values))
+                by_tips[tips] = tips(values, moved[rows] if tips.late and moved.ndim else moved)
+            residuals.append(relative * residual(*by_tips[tips], own_values))
         return residuals
 
 

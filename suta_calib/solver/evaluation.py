@@ -149,8 +149,8 @@ class PoseTable:
         readings = [b.inputs[1].copy() if b else None for _, b in self._sources]
         poses, theta = (self.rotation.copy(), self.position.copy()), self._theta
         # Of few samples keeping what is known takes less than to find it again.
-        known = len(self.position) <= AT_ONCE
-        velocity, rate = (self.velocity.copy(), self.rate.copy()) if known else (None, None)
+        small = len(self.position) <= AT_ONCE
+        velocity, rate = (self.velocity.copy(), self.rate.copy()) if small else (None, None)
         self._theta = None
         sources = zip(self._sources, self._moved, shifts, strict=True)
         late = ExitStack()

@@ -46,18 +46,18 @@ def with_bases_found(terms: Sequence[Term], parameters: ParameterSet) -> Paramet
         starts.append(problem.start(values))
     ends = SolverOptions(confirm=False).build_solver().minimise_all(nlp, starts, lambda _: None)
     best = min(ends, key=lambda end: end.cost if np.isfinite(end.cost) else np.inf)
-    found = problem.values(best.x)
+    solved = problem.values(best.x)
     return ParameterSet(
-        replace(p, nominal=found[name]) if name in anywhere and p.free else p
+        replace(p, nominal=solved[name]) if name in anywhere and p.free else p
         for name, p in parameters.items()
     )
 
 
 def _cube() -> list[FloatArray]:
     """The 24 rotations that take a cube to itself, the one that does nothing first."""
-    found = [
+    rotations = [
         np.eye(3)[list(order)] * np.array(signs)[:, None]
         for signs in product((1.0, -1.0), repeat=3)
         for order in permutations(range(3))
     ]
-    return [rotation for rotation in found if np.linalg.det(rotation) > 0]
+    return [rotation for rotation in rotations if np.linalg.det(rotation) > 0]

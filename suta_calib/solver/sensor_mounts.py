@@ -67,11 +67,11 @@ def with_sensors_mounted(arm: _AnyArm, terms: Sequence[Term]) -> _AnyArm:
     up = next(each.arm.root_axes @ each.arm.up for each in poses if each.arm.tilted)
     data = {s: tuple(map(np.concatenate, zip(*d, strict=True))) for s, d in by_sensor.items()}
     lean, mounts = agreeing(up, data)
-    found = dict(zip(UP, vector_from_rotation(lean).tolist(), strict=True))
+    nominal = dict(zip(UP, vector_from_rotation(lean).tolist(), strict=True))
     for sensor, mount in mounts.items():
         vector = vector_from_rotation(mount)
-        found |= dict(zip(sensor.names(*MOUNT), vector.tolist(), strict=True))
-    return arm.at(found)
+        nominal |= dict(zip(sensor.names(*MOUNT), vector.tolist(), strict=True))
+    return arm.at(nominal)
 
 
 def agreeing(

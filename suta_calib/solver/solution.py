@@ -171,8 +171,8 @@ class Solution(Displayable):
         Judged when it is asked for, and of the fitted data alone: `calibrate` takes validation
         data too.
         """
-        found: Assessment = named(_JUDGE, "assess_solution")(self)
-        return found
+        assessment: Assessment = named(_JUDGE, "assess_solution")(self)
+        return assessment
 
     @property
     def x(self) -> FloatArray:

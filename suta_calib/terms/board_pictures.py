@@ -170,9 +170,9 @@ class BoardPictures:
         """
         rotation, position = self.poses
         points = np.einsum("nij,kj->nki", rotation, self.points) + position[:, None]
-        seen = np.asarray(np.isfinite(self.pixels).all(axis=2))
-        ahead = np.asarray((self.camera.lens.ahead(points) | ~seen).all(axis=1))
-        points[~(ahead[:, None] & seen)] = [0.0, 0.0, 1.0]
+        visible = np.asarray(np.isfinite(self.pixels).all(axis=2))
+        ahead = np.asarray((self.camera.lens.ahead(points) | ~visible).all(axis=1))
+        points[~(ahead[:, None] & visible)] = [0.0, 0.0, 1.0]
         off = self.camera.project(points) - self.pixels
         off[~ahead] = np.nan
         return np.asarray(off)

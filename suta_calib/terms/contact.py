@@ -234,10 +234,10 @@ class Contact(PlaceTerm):
         # How far apart tips that touch can seem, m: no arm is built so badly, but the tip of a
         # hand is its wrist's or its palm's in many a URDF.
         far = 0.3
-        apart = float(np.median(np.linalg.norm(self.poses.at({})[1], axis=1))) - self.distance
-        if abs(apart) > far:
+        excess = float(np.median(np.linalg.norm(self.poses.at({})[1], axis=1))) - self.distance
+        if abs(excess) > far:
             raise self.refuse(
-                f"tips that by the nominal arm are {mm(apart + self.distance):.4g} mm apart",
+                f"tips that by the nominal arm are {mm(excess + self.distance):.4g} mm apart",
                 f"{mm(self.distance):g} mm (distance_mm)",
                 hint="is base_chain the chain of the tip that was touched, and is its tip in the "
                 "URDF the point that touched?",

@@ -322,15 +322,15 @@ class Gravity(Term):
         if self.sensor is None and self.up is None:
             by_mount = np.einsum("nij,nk->nijk", rotation, measured).reshape(-1, 9)
             by_up = np.tile(np.eye(3), (len(measured), 1))
-            found = np.linalg.svd(np.hstack([by_mount, -by_up]))[2][-1][:9].reshape(3, 3)
-            mount = nearest_rotation(found * (np.sign(np.linalg.det(found)) or 1.0))
+            by_columns = np.linalg.svd(np.hstack([by_mount, -by_up]))[2][-1][:9].reshape(3, 3)
+            mount = nearest_rotation(by_columns * (np.sign(np.linalg.det(by_columns)) or 1.0))
         in_base = (rotation @ mount @ measured[:, :, None])[:, :, 0]
         mean = in_base.mean(axis=0)
         free = mount, (mean / np.linalg.norm(mean) if self.up is None and mean.any() else up)
 
         def off(mount: FloatArray, up: FloatArray) -> float:
-            apart = (rotation @ mount @ measured[:, :, None])[:, :, 0] - up
-            return float(np.sqrt(np.mean(np.sum(apart**2, axis=1))))
+            lean = (rotation @ mount @ measured[:, :, None])[:, :, 0] - up
+            return float(np.sqrt(np.mean(np.sum(lean**2, axis=1))))
 
         return (stands, off(*stands)), (free, off(*free))
 

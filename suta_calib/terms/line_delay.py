@@ -80,11 +80,11 @@ class LineDelay(Displayable):
     def parameter(self, label: str) -> Parameter:
         """The unknown ``line_delay[label]``, or what is given of it."""
         half = math.inf if self.bound is None else self.bound
-        known = self.bound is None and self.prior is None
+        given = self.bound is None and self.prior is None
         return Parameter(
             *(f"{LINE_OWNER}[{label}]", "", "s", self.value),
             *(self.value - half, self.value + half, self.prior, math.nan),
-            free=not known,
+            free=not given,
             prior_fixed=True,
         )
 

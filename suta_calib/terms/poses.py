@@ -202,11 +202,11 @@ class ArmPoses(PoseSource):
     def conditions(self) -> Mapping[Condition, FloatArray]:
         """What is said of the arm beside its readings, as its kinematics take it."""
         felt, sensors = self.samples.felt, self.arm.tilt_sensors
-        told: dict[Condition, FloatArray] = self.samples.conditions
+        conditions: dict[Condition, FloatArray] = self.samples.conditions
         if any(sensor.felt in felt for sensor in sensors):
             nothing = np.zeros((len(self), 3))
-            told["tilt"] = np.hstack([self._up_felt.get(s.felt, nothing) for s in sensors])
-        return told
+            conditions["tilt"] = np.hstack([self._up_felt.get(s.felt, nothing) for s in sensors])
+        return conditions
 
     @property
     def felt_doubts(self) -> tuple[str, ...]:
@@ -249,12 +249,12 @@ class ArmPoses(PoseSource):
 
 def _check_loops(arm: ArmModel, samples: Samples) -> None:
     """Refuse readings at which a closed loop of the arm cannot close."""
-    apart = arm.open_loops(samples.q)
+    gaps = arm.open_loops(samples.q)
     # What built links and the zeros of encoders do to a loop near the end of its reach, m.
     allowed = 0.01
-    for row in np.flatnonzero(~(apart <= allowed)).tolist():
+    for row in np.flatnonzero(~(gaps <= allowed)).tolist():
         raise SamplesError(
-            f"readings at which the closed loop stays open by {mm(float(apart[row])):.3g} mm",
+            f"readings at which the closed loop stays open by {mm(float(gaps[row])):.3g} mm",
             "readings that the loop can reach",
             where=samples.origin[row],
             hint="check the signs, the zeros and the units of the joints of the loop",

@@ -62,13 +62,13 @@ def clock_offsets(examined: Examination) -> tuple[ClockOffset, ...]:
             motion = term.poses.samples.motion
             left_out[p.name] += 0 if motion is None else motion.rows - len(term.poses)
             squares.setdefault(p.name, []).extend(np.sum(velocity[first:end] ** 2, axis=1).tolist())
-    found = ((solution.estimates[name], of_rows) for name, of_rows in squares.items())
+    clocks = ((solution.estimates[name], of_rows) for name, of_rows in squares.items())
     return tuple(
         ClockOffset(
             *(e.name, e.value, e.std, float(np.sqrt(np.mean(s)))),
             *(len(s), left_out[e.name], e.state),
         )
-        for e, s in found
+        for e, s in clocks
     )
 
 

@@ -371,14 +371,14 @@ def _tips(solution: Solution) -> Iterator[Contradiction]:
         own = [p for p in lengths if p.owner == tip]
         # Who lets a tip be farther off than the rest knows that it may be.
         most = max((p.upper - p.lower for p in own), default=0.0)
-        others = [
+        other_causes = [
             p
             for p in lengths
             if p.owner not in mounts and not is_base(p.owner) and p.upper - p.lower >= most
         ]
         off, rest = (
             np.array([estimates[p.name].value - p.nominal for p in group])
-            for group in (own, others)
+            for group in (own, other_causes)
         )
         # Fewer lengths do not say how far off this arm is: of 5 that are alike one in 10⁴ tips is
         # ten times as far off.

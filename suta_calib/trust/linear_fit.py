@@ -132,8 +132,8 @@ class LinearFit(Displayable):
         if self.chain is None:
             return self.squares
         touched = np.bincount(self.chain, np.any(columns, axis=1)) > 0
-        others = ~touched[self.chain]
-        return self.squares - float(self.weights[others] @ self.settled[others] ** 2)
+        untouched = ~touched[self.chain]
+        return self.squares - float(self.weights[untouched] @ self.settled[untouched] ** 2)
 
     @cached_property
     def spent(self) -> float:

@@ -132,8 +132,8 @@ class Misreading(Reinterpretation):
         if isinstance(data.poses, MeasuredPoses):
             pairs = self.fault_of_pairs(Pairs.of(data))
             rotation, position = pairs.seen
-            seen = replace(data.poses.samples, rotation=rotation, position=position)
-            return SpoiltData(data.over_poses(MeasuredPoses(*pairs.hand, seen)))
+            reread = replace(data.poses.samples, rotation=rotation, position=position)
+            return SpoiltData(data.over_poses(MeasuredPoses(*pairs.hand, reread)))
         description, samples = self.fault(data)
         return SpoiltData(_with_samples(data, samples), effect=description)
 
@@ -255,9 +255,9 @@ def agreeing_reading(
         if isinstance(hypothesis, Misreading)
         for reading in hypothesis.of_pairs(pairs)
     )
-    found = ((spread(read.few), description, read.unit) for description, read in readings)
+    spreads = ((spread(read.few), description, read.unit) for description, read in readings)
     (along, turned), description, unit = min(
-        found,
+        spreads,
         key=lambda reading: float(np.nan_to_num(reading[0][0], nan=np.inf)),
         default=(np.full(2, np.inf), "", 1.0),
     )

@@ -212,9 +212,9 @@ class Residuals:
     @cached_property
     def _telling(self) -> list[bool]:
         """Whether the data would tell each candidate well enough."""
-        told = np.diag(self._alone.curvature(self._columns))
+        curvature = np.diag(self._alone.curvature(self._columns))
         plausible = np.array([self.problem.parameters[n].plausible for n in self._order])
-        return [bool(told_well) for told_well in told * (TELLING * plausible) ** 2 > 1.0]
+        return [bool(told_well) for told_well in curvature * (TELLING * plausible) ** 2 > 1.0]
 
     @cached_property
     def _scores(self) -> _Scores:

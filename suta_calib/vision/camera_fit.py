@@ -220,11 +220,11 @@ def _fitted(
     best: tuple[PicturesSeen, State] | None = None
     least = np.inf
     for start in _starts(lens, used, names, board, size, known):
-        found = _searched(start, used, board)
-        if found is None:
+        searched = _searched(start, used, board)
+        if searched is None:
             continue
-        if found[2] < least:
-            best, least = found[:2], found[2]
+        if searched[2] < least:
+            best, least = searched[:2], searched[2]
         # A search that ended at corners that are found to a pixel ended well.
         if least < len(used):
             break
@@ -261,7 +261,7 @@ def _searched(
     A first camera may see some boards nowhere, and others in a wrong pose: those that it sees
     improve it, and it is asked again.
     """
-    found: tuple[PicturesSeen, State, float] | None = None
+    best: tuple[PicturesSeen, State, float] | None = None
     camera = start
     for _ in range(3):
         seen, state, posed = seen_by(camera, used, board)
@@ -271,11 +271,11 @@ def _searched(
         state = refined(seen, state, _WIDE.stds(start), robust=False, settled=1e-3)
         after = _sum_of_squares(seen, state)
         camera = replace(start, intrinsics=state.intrinsics)
-        if posed.all() and (found is None or after < found[2]):
-            found = seen, state, after
+        if posed.all() and (best is None or after < best[2]):
+            best = seen, state, after
         if posed.all() and after < len(used):
             break
-    return found
+    return best
 
 
 def _sum_of_squares(seen: PicturesSeen, state: State) -> float:
@@ -317,15 +317,15 @@ def _starts(
     if by_opencv is not None:
         yield Camera(*size, np.array([*by_opencv, *bent[5:]]), lens=lens)
     middle = [(length - 1) / 2 for length in size]
-    found: list[tuple[float, Camera]] = []
+    ranked: list[tuple[float, Camera]] = []
     for angle in np.radians([60.0, 90.0, 120.0, 150.0, 180.0, 220.0]):
         half = angle / 2 if lens.sees_behind else np.tan(min(angle, np.radians(150.0)) / 2)
         focal = max(size) / 2 / half
         camera = Camera(*size, np.array([focal, focal, *middle, *bent]), lens=lens)
         seen, state, posed = seen_by(camera, used, board)
         if posed.all() and np.isfinite(off := _sum_of_squares(seen, state)):
-            found.append((off, camera))
-    yield from (camera for _, camera in sorted(found, key=lambda each: each[0])[:2])
+            ranked.append((off, camera))
+    yield from (camera for _, camera in sorted(ranked, key=lambda each: each[0])[:2])
 
 
 def _by_opencv(

@@ -216,8 +216,8 @@ def _dark(grey: Grey, pixel: FloatArray) -> bool:
     at = np.clip(np.round(middle).astype(np.intp), 0, np.array(grey.shape[::-1]) - 1)
     greys = grey[at[..., 1], at[..., 0]].astype(float)
     same_colour = np.indices(greys.shape).sum(axis=0) % 2 == 0
-    others = greys[~same_colour]
-    return bool(len(others) and np.median(greys[same_colour]) < np.median(others))
+    other_greys = greys[~same_colour]
+    return bool(len(other_greys) and np.median(greys[same_colour]) < np.median(other_greys))
 
 
 def _wrongly_counted(size: tuple[int, int]) -> Iterator[tuple[int, int]]:

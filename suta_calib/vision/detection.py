@@ -343,5 +343,5 @@ def _lies(board: Chessboard, detected: DetectedBoard) -> bool:
 
 def _left_out(views: Sequence[SearchedPicture]) -> str:
     lost = [f"{view.picture.name} ({view.reason})" for view in views if view.board is None]
-    told = f"{len(lost)} of {len(views)} pictures are not used: {listed(lost, _MOST_TOLD)}."
-    return told if lost else ""
+    sentence = f"{len(lost)} of {len(views)} pictures are not used: {listed(lost, _MOST_TOLD)}."
+    return sentence if lost else ""

@@ -40,11 +40,12 @@ class ProjectionMap(Displayable):
         pixels = np.stack(np.meshgrid(u, v), axis=-1).reshape(-1, 2)
         std = np.full(len(pixels), np.nan)
         rays = camera.directions(pixels)
-        told = camera.lens.ahead(rays)
-        told &= (
-            np.abs(camera.project(np.where(told[:, None], rays, [0, 0, 1.0])) - pixels).max(1) < 0.1
+        in_front = camera.lens.ahead(rays)
+        in_front &= (
+            np.abs(camera.project(np.where(in_front[:, None], rays, [0, 0, 1.0])) - pixels).max(1)
+            < 0.1
         )
-        std[told] = projection_std(camera, seen, pixels[told])
+        std[in_front] = projection_std(camera, seen, pixels[in_front])
         return cls(u, v, std.reshape(down, across))
 
     @property

@@ -54,9 +54,9 @@ class JudgedFit:
     @cached_property
     def full_refit(self) -> Refit:
         """The fit of every believed touch."""
-        found = self.reference.over(self.believed)
-        assert found is not None, "the job's own samples can be fitted"
-        return found
+        refit = self.reference.over(self.believed)
+        assert refit is not None, "the job's own samples can be fitted"
+        return refit
 
     @cached_property
     def clean(self) -> Refit:

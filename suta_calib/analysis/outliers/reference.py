@@ -130,22 +130,22 @@ class Registered:
 
     def registered(self, displacements: FloatArray) -> FloatArray:
         """The same for small displacements (k, n, 3) of the touches, m, to first order."""
-        found = np.zeros_like(displacements)
+        registered = np.zeros_like(displacements)
         for rows, used in self._by_placement():
             centre = self.certified[used].mean(axis=0)
             motion = np.linalg.pinv(rigid_columns(self.certified[used] - centre))
-            there = displacements[:, used].reshape(len(found), -1)
+            there = displacements[:, used].reshape(len(registered), -1)
             back = rigid_columns(self.certified[rows] - centre) @ (motion @ there.T)
-            found[:, rows] = displacements[:, rows] - back.T.reshape(len(found), -1, 3)
-        return found
+            registered[:, rows] = displacements[:, rows] - back.T.reshape(len(registered), -1, 3)
+        return registered
 
     def _by_placement(self) -> list[tuple[IntArray, IntArray]]:
-        found = []
+        rows_and_used = []
         for k in range(int(self.placement.max()) + 1):
             rows = np.flatnonzero(self.placement == k)
             used = rows[self.used[rows]]
-            found.append((rows, used if len(used) >= 3 else rows))
-        return found
+            rows_and_used.append((rows, used if len(used) >= 3 else rows))
+        return rows_and_used
 
 
 def rigid_columns(points: FloatArray) -> FloatArray:

@@ -79,9 +79,9 @@ def _map(figure: Any, axes: Any, residual_map: ResidualMap) -> None:
     units = [residual_map.arm.units[names[k]] for k in (first, second)]
     x, y = (_shown(unit, side) for unit, side in zip(units, sides, strict=True))
     filled = axes.pcolormesh(x, y, size, cmap="Blues", shading="gouraud", rasterized=True)
-    seen = (_shown(unit, q[:, k]) for unit, k in zip(units, (first, second), strict=True))
+    shown_angles = (_shown(unit, q[:, k]) for unit, k in zip(units, (first, second), strict=True))
     look: dict[str, Any] = {"color": "black", "ms": 1.5, "alpha": 0.5, "rasterized": True}
-    axes.plot(*seen, ".", label="measured postures", **look)
+    axes.plot(*shown_angles, ".", label="measured postures", **look)
     axes.set_xlabel(f"{names[first]}, {unit_name(units[0])}")
     axes.set_ylabel(f"{names[second]}, {unit_name(units[1])}")
     bar = figure.colorbar(filled, ax=axes)
@@ -111,8 +111,8 @@ def _curve(axes: Any, curve: JointCurve, residual_map: ResidualMap) -> None:
     axes.plot(x, middle, color=BLUE, lw=1.2)
     axes.axhline(0.0, color=GREY, lw=0.8)
     column = residual_map.arm.own_joints.index(curve.joint)
-    seen = _shown(curve.unit, residual_map.residuals.q[:, column])
-    axes.plot(seen, np.full(len(seen), axes.get_ylim()[0]), "|", rasterized=True, **TICKS)
+    angle = _shown(curve.unit, residual_map.residuals.q[:, column])
+    axes.plot(angle, np.full(len(angle), axes.get_ylim()[0]), "|", rasterized=True, **TICKS)
     axes.set_title(curve.joint, fontsize=8)
     axes.set_xlabel(f"reading, {unit_name(curve.unit)}", fontsize=7)
     axes.set_ylabel(f"correction, {unit_name(curve.unit)}", fontsize=7)

@@ -257,10 +257,10 @@ def _fitted(kernel: Any, noise: float, rows: FloatArray, values: FloatArray, ste
         objective: Callable[..., Any], theta: FloatArray, bounds: FloatArray
     ) -> tuple[FloatArray, float]:
         options = {"maxiter": steps}
-        found = minimize(
+        minimum = minimize(
             objective, theta, jac=True, bounds=bounds, method="L-BFGS-B", options=options
         )
-        return found.x, float(found.fun)
+        return minimum.x, float(minimum.fun)
 
     model = GaussianProcessRegressor(kernel, alpha=noise, optimizer=search if steps else None)
     with warnings.catch_warnings():

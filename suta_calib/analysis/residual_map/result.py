@@ -254,9 +254,11 @@ class ResidualMap(Displayable):
     def _checked(self, q: FloatArray) -> FloatArray:
         q = np.atleast_2d(np.asarray(q, dtype=float))
         if q.shape[1:] != (len(self.arm.joints),) or not np.isfinite(q).all():
-            found = "a reading that is no number" if q.shape[1:] == (len(self.arm.joints),) else ""
+            problem = (
+                "a reading that is no number" if q.shape[1:] == (len(self.arm.joints),) else ""
+            )
             raise SamplesError(
-                found or f"readings of shape {q.shape}",
+                problem or f"readings of shape {q.shape}",
                 f"(n, {len(self.arm.joints)}) finite readings, rad or m",
                 where="q",
             )

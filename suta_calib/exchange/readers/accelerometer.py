@@ -58,8 +58,8 @@ class AnyAccelerometerReader(AccelerometerReader):
 
 def _axes(names: Sequence[str]) -> dict[str, int]:
     """Columns of ``ax, ay, az`` by any usual name; of two with one axis, none."""
-    found = dict[str, list[int]]()
+    columns_of_axis = dict[str, list[int]]()
     for k, name in enumerate(names):
         if match := _AXIS.fullmatch(name):
-            found.setdefault(f"a{match[1].lower()}", []).append(k)
-    return {axis: at[0] for axis, at in found.items() if len(at) == 1}
+            columns_of_axis.setdefault(f"a{match[1].lower()}", []).append(k)
+    return {axis: at[0] for axis, at in columns_of_axis.items() if len(at) == 1}

@@ -140,13 +140,13 @@ class RosbagReader(Reader):
         names, time, angles = _together(path, joints, bag.joints[joints])
         rests = found_rests(path, names, time, angles, given)
         pictures = _pictures(path, bag, rests, given) if IMAGE_TOPIC in given else None
-        seen = dict[str, list[Seen | None]]()
+        bodies = dict[str, list[Seen | None]]()
         if poses is not None:
-            seen["pose"] = seen_poses(*poses, rests, given.text(PREFIX))
+            bodies["pose"] = seen_poses(*poses, rests, given.text(PREFIX))
         if IMU_TOPIC in given:
             log = _felt(path, bag, given)
-            seen["rest of the IMU"] = [log.still(rest.begin, rest.end) for rest in rests]
-        rows = imported_rests(path, self.name, names, rests, seen, pictures)
+            bodies["rest of the IMU"] = [log.still(rest.begin, rest.end) for rest in rests]
+        rows = imported_rests(path, self.name, names, rests, bodies, pictures)
         return rows if pictures is None else _with_camera(rows, bag, given.text(IMAGE_TOPIC))
 
     def _poses(self, path: Path, bag: _Bag, given: Given) -> tuple[FloatArray, Body] | None:

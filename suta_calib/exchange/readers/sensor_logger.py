@@ -45,18 +45,20 @@ class SensorLoggerReader(AccelerometerReader):
     def points_down(self, path: Path) -> tuple[bool, str]:
         """As the recording's metadata say."""
         beside = path.with_name(_METADATA)
-        told = dict[str, str]()
+        settings = dict[str, str]()
         if is_plain_file(beside):
             rows = rows_of_text(beside, read_foreign_text(beside), ",")
             if len(rows) > 1:
-                told = dict(zip((c.lower() for c in rows[0].cells), rows[1].cells, strict=False))
-        platform = told.get("platform", "").lower()
+                settings = dict(
+                    zip((c.lower() for c in rows[0].cells), rows[1].cells, strict=False)
+                )
+        platform = settings.get("platform", "").lower()
         if not platform:
             return False, (
                 f"No {_METADATA} of the recording stands beside the file: the accelerations were "
                 f"taken to point up at rest. For an iPhone's, give {DOWNWARDS.switch}."
             )
-        standard = told.get("standardisation", "").lower() == "true"
+        standard = settings.get("standardisation", "").lower() == "true"
         down = platform == "ios" and not standard
         sign = "was changed" if down else "was kept"
         as_told = f"{platform}, standardised units {'on' if standard else 'off'}"

@@ -66,5 +66,5 @@ class DepthScale(AddedVariable):
     def spoil(self, data: Any, values: Truth, rng: np.random.Generator) -> SpoiltData:
         """All targets 1 % too far, or too near."""
         samples, share = data.poses.samples, float(rng.choice([-0.01, 0.01]))
-        seen = with_columns(data, position=samples.position * [1.0, 1.0, 1.0 + share])
-        return SpoiltData(seen, np.array([share]))
+        rescaled = with_columns(data, position=samples.position * [1.0, 1.0, 1.0 + share])
+        return SpoiltData(rescaled, np.array([share]))

@@ -191,12 +191,12 @@ def sizes(evidence: Evidence) -> list[tuple[float, float]]:
 
 def unknowns(answer: Examination) -> dict[str, tuple[list[int], FloatArray]]:
     """By owner, the indices of an unknown's parameters, and displacement, m, and turn per unit."""
-    found: dict[str, tuple[list[int], FloatArray]] = {}
+    by_owner: dict[str, tuple[list[int], FloatArray]] = {}
     owners = [parameter.owner for parameter in answer.problem.parameters.values()]
     for owner in dict.fromkeys(owners):
         at = [k for k, name in enumerate(owners) if name == owner]
         per_unit = answer.length * np.eye(len(at))
         if len(at) > 3:
             per_unit[3:, 3:] = tangent_of_vector(answer.x[at[3:]])
-        found[owner] = at, per_unit
-    return found
+        by_owner[owner] = at, per_unit
+    return by_owner

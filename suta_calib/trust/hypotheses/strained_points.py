@@ -141,9 +141,9 @@ class StrainedPoints(AddedVariable):
         samples, axis = data.poses.samples, int(rng.integers(3))
         assert samples.position is not None
         strain = 0.02 * (1.5 * np.diag(np.eye(3)[axis]) - 0.5 * np.eye(3))
-        seen = samples.position + samples.position @ strain
+        strained = samples.position + samples.position @ strain
         size = np.einsum("kij,ij->k", STRAINS, strain)
-        return SpoiltData(with_columns(data, position=seen), size)
+        return SpoiltData(with_columns(data, position=strained), size)
 
 
 def _strain(answer: Examination, beside: LinearFit, evidence: Evidence) -> Strain:
