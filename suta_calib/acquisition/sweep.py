@@ -30,12 +30,6 @@ APART: Final = from_deg(2.0)
 BACK: Final = from_deg(5.0)
 # What a joint that slides moves for a radian of the others, m.
 LENGTH: Final = 0.2
-# So many readings in a row, in at most so many s, are one: a wrong one among them does no harm. An
-# odd number has a middle one, with all joints at one moment.
-_AT_ONCE: Final = 7
-_WITHIN: Final = 0.02
-# A pause that may be one, s; what is longer is a damaged time.
-_LONGEST: Final = 3600.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,6 +64,12 @@ class Moments:
     def feed(self, readings: Iterable[Reading]) -> list[Moment]:
         """The moments that are complete with these readings."""
         moments = []
+        # So many readings in a row, in at most so many s, are one: a wrong one among them does no
+        # harm. An odd number has a middle one, with all joints at one moment.
+        at_once = 7
+        within = 0.02
+        # A pause that may be one, s; what is longer is a damaged time.
+        longest = 3600.0
         for reading in readings:
             if reading.error.any() or not np.isfinite([reading.time, *reading.angles]).all():
                 self.unusable += 1
@@ -82,13 +82,13 @@ class Moments:
                 continue
             # A clock that runs backwards, or leaps, is another one: the device was started again.
             paused = not 0.0 <= step < STALL
-            self.now += step if 0.0 <= step < _LONGEST else 0.0
+            self.now += step if 0.0 <= step < longest else 0.0
             self.seconds += 0.0 if paused else step
-            if self._waiting and (paused or self.now - self._waiting[0][0] > _WITHIN):
+            if self._waiting and (paused or self.now - self._waiting[0][0] > within):
                 moments.append(self._moment())
             self._cut |= paused
             self._waiting.append((self.now, reading.angles))
-            if len(self._waiting) == _AT_ONCE:
+            if len(self._waiting) == at_once:
                 moments.append(self._moment())
         return moments
 

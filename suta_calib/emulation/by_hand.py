@@ -28,8 +28,6 @@ from suta_calib.units import from_deg
 
 # Knots of the motion, 1/s: a cubic between two of them keeps the tip within a micrometre.
 _KNOTS: Final = 50.0
-# Of those, every so many are searched one after the other, from the posture before.
-_STRIDE: Final = 25
 # How long it takes to lift the tip, or for what it is on to slip, s.
 _HASTE: Final = 0.15
 # No hand turns a joint faster, rad/s (m/s): the arm has come to the other branch of its postures.
@@ -104,7 +102,9 @@ def swept_by_hand(
         ),
         np.zeros(len(time)),
     )
-    coarse = np.append(np.arange(0, len(time) - 1, _STRIDE), len(time) - 1)
+    # Of those, every so many are searched one after the other, from the posture before.
+    stride = 25
+    coarse = np.append(np.arange(0, len(time) - 1, stride), len(time) - 1)
 
     def knots(start: FloatArray) -> FloatArray:
         """(coarse, joints) postures, each next to the one before."""

@@ -23,12 +23,6 @@ from suta_calib.units import ms, text
 from suta_calib.words import listed
 
 _TIME: Final = "time"
-# Lengths of two recordings may differ so much before it is told.
-_SCALES: Final = (0.95, 1.05)
-# Correlation of the travel along the axes of the motions that two rigidly connected bodies exceed.
-_SAME_TRAVEL: Final = 0.5
-# Standard deviation of a time, s, from which on it is told.
-_UNSURE: Final = 5e-3
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -176,7 +170,9 @@ def _check_scale(alignment: ClockAlignment, path: Path) -> None:
 def _notes(alignment: ClockAlignment, first: MovingRows, second: MovingRows) -> list[str]:
     """What must be known of the alignment, one sentence each."""
     notes = [*first.clock.notes, *second.clock.notes]
-    least, most = _SCALES
+    # Lengths of two recordings may differ so much before it is told.
+    scales = (0.95, 1.05)
+    least, most = scales
     if alignment.step is not None:
         size, where = alignment.step
         notes.append(
@@ -190,14 +186,19 @@ def _notes(alignment: ClockAlignment, first: MovingRows, second: MovingRows) -> 
             f"{first.path.name}. The shift does not depend on that, but a calibration "
             "does: check the unit, and the size of the marker or board."
         )
-    if alignment.travel < _SAME_TRAVEL:
+    # Correlation of the travel along the axes of the motions that two rigidly connected bodies
+    # exceed.
+    same_travel = 0.5
+    if alignment.travel < same_travel:
         notes.append(
             "Both turn alike, but do not travel alike along the axes they turn about (correlation "
             f"{alignment.travel:.2f}). The shift holds; a calibration of these poses will not. "
             "Check the order of the quaternion, and whether the rotation of one is inverted and "
             "its position is not."
         )
-    if alignment.worst_std > _UNSURE:
+    # Standard deviation of a time, s, from which on it is told.
+    unsure = 5e-3
+    if alignment.worst_std > unsure:
         notes.append(
             f"A time is known to ± {ms(alignment.worst_std):.2g} ms only. "
             f"{_effect(alignment, first)} To know it better, start and stop more often, and turn "

@@ -12,11 +12,6 @@ from numpy.typing import NDArray
 from suta_calib.arrays import BoolArray, FloatArray, IntArray
 from suta_calib.errors import ForeignFileError
 
-# Times since 1970 in ns, µs and ms, from 1973 to the year 5138, and how many make a second; those
-# in s are smaller than all of them.
-_SINCE_1970: Final = ((1e17, "ns", 1e9), (1e14, "µs", 1e6), (1e11, "ms", 1e3))
-# A pause of so many usual steps, and of so long, s, is a gap: nothing is known of what lies in it.
-_GAP_STEPS: Final = 5.0
 _GAP: Final = 0.2
 # s between rows of a recording of motion; what is slower is in another unit, or no recording.
 _SLOWEST: Final = 1.0
@@ -94,7 +89,10 @@ class Clock:
     def in_seconds(stamps: FloatArray) -> tuple[FloatArray, str]:
         """Stamps (n,) in s, and a sentence if they were in another unit since 1970."""
         size = float(np.median(np.abs(stamps)))
-        for least, unit, per_second in _SINCE_1970:
+        # Times since 1970 in ns, µs and ms, from 1973 to the year 5138, and how many make a second;
+        # those in s are smaller than all of them.
+        since_1970 = ((1e17, "ns", 1e9), (1e14, "µs", 1e6), (1e11, "ms", 1e3))
+        for least, unit, per_second in since_1970:
             if size > least:
                 return stamps / per_second, f"Times were read as {unit} since 1970."
         return stamps, ""
@@ -102,7 +100,10 @@ class Clock:
     @property
     def gaps(self) -> BoolArray:
         """(m - 1,) whether the time to the next row is a gap."""
-        return np.asarray(np.diff(self.time) > max(_GAP_STEPS * self.step, _GAP))
+        # A pause of so many usual steps, and of so long, s, is a gap: nothing is known of what lies
+        # in it.
+        gap_steps = 5.0
+        return np.asarray(np.diff(self.time) > max(gap_steps * self.step, _GAP))
 
 
 @dataclass(frozen=True, eq=False)

@@ -30,12 +30,6 @@ BY_STEP: Final = 2.0**-4
 SMOOTH: Final = 0.5
 # Readings that differ by less were read at one moment, rad or m.
 _SAME: Final = 1e-6
-# Seconds from row to row that no recording of a moving arm has; beyond the first only if the arm
-# is so slow, rad/s or m/s, that it would take an hour for a turn.
-_LONG_STEPS: Final = (0.9, 20.0)
-_HARDLY_MOVES: Final = 0.002
-# Rad/s or m/s that no joint turns with.
-_FASTEST: Final = 100.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -269,8 +263,12 @@ def _check_unit(time: FloatArray, readings: FloatArray, file: IntArray) -> None:
         raise SamplesError(found, f"at least {WINDOW} rows of a moving arm", where="time")
     moved = np.max(np.abs(np.diff(readings, axis=0)), axis=1)[same_file]
     usual, speed = float(np.median(step)), float(np.median(moved / step))
-    least, most = _LONG_STEPS
-    if usual > most or (usual > least and speed < _HARDLY_MOVES):
+    # Seconds from row to row that no recording of a moving arm has; beyond the first only if the
+    # arm is so slow, rad/s or m/s, that it would take an hour for a turn.
+    long_steps = (0.9, 20.0)
+    least, most = long_steps
+    hardly_moves = 0.002
+    if usual > most or (usual > least and speed < hardly_moves):
         unit = "ms" if usual < 900 else "µs" if usual < 9e5 else "ns"
         factor = {"ms": 1e3, "µs": 1e6, "ns": 1e9}[unit]
         raise SamplesError(
@@ -279,7 +277,9 @@ def _check_unit(time: FloatArray, readings: FloatArray, file: IntArray) -> None:
             where="time",
             hint=f"they look like {unit}: divide by {factor:.0e}".replace("e+0", "e"),
         )
-    if speed > _FASTEST:
+    # Rad/s or m/s that no joint turns with.
+    fastest = 100.0
+    if speed > fastest:
         raise SamplesError(
             f"readings that change by {speed:.3g} rad/s",
             "times in s of a moving arm",

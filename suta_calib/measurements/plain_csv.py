@@ -22,8 +22,6 @@ _NOT_PLAIN: Final = (
     *('"', "#", ";", "\0"),
     *(c for c in map(chr, range(128)) if c.isspace() and c != "\n"),
 )
-# Characters that the parser takes for one cell at most.
-_LONGEST_LINE: Final = 100_000
 
 
 class PlainColumns(Mapping[str, tuple[str, ...]]):
@@ -55,7 +53,9 @@ class PlainColumns(Mapping[str, tuple[str, ...]]):
         lines = columns._body.split("\n")
         # One pass in C over what may be a million lines.
         plain = set(map(methodcaller("count", ","), lines)) == {commas}
-        plain = plain and max(map(len, lines)) <= _LONGEST_LINE
+        # Characters that the parser takes for one cell at most.
+        longest_line = 100_000
+        plain = plain and max(map(len, lines)) <= longest_line
         return columns if plain and (commas or all(lines)) else None
 
     @property

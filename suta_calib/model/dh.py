@@ -36,9 +36,6 @@ from suta_calib.model.urdf import joint_text
 Convention = Literal["classic", "modified"]
 DhMotion = Literal["revolute", "prismatic", "fixed"]
 
-# Sine of the angle between lines that count as parallel, and the distance, m, of lines that meet:
-# rounding of the URDF's numbers along a chain, and far below what any table is written with.
-_PARALLEL: Final = 1e-11
 _MEETING: Final = 1e-12
 
 
@@ -273,7 +270,11 @@ def _normal(
     """The common normal of two lines."""
     cross = np.cross(line.z, following.z)
     sine, between = float(np.linalg.norm(cross)), following.point - line.point
-    if sine > _PARALLEL:
+    # Sine of the angle between lines that count as parallel, and the distance, m, of lines that
+    # meet: rounding of the URDF's numbers along a chain, and far below what any table is written
+    # with.
+    parallel = 1e-11
+    if sine > parallel:
         direction = cross / sine
         foot = line.point + line.z * float(np.cross(between, following.z) @ cross) / sine**2
         landing = following.point + following.z * float(np.cross(between, line.z) @ cross) / sine**2

@@ -34,7 +34,6 @@ from suta_calib.terms.hand_eye_start import EYE_IN_HAND
 from suta_calib.units import NOTHING, Unit, deg, mm, text
 from suta_calib.words import listed
 
-_INLIER: Final[dict[str, Any]] = {"marker": "o", "color": BLUE, "linestyle": "none", "ms": 4.5}
 _OUTLIER: Final[dict[str, Any]] = OUTLIER | {"ms": 8, "mew": 0.6}
 
 
@@ -256,10 +255,11 @@ def picture_plot(calibration: PictureCalibration) -> str:
     rows = len(calibration.cameras)
     with picture(NAME, (LARGE, 3.2 * rows)) as figure:
         panels = figure.subplots(rows, 2, squeeze=False, width_ratios=(1.3, 1))
+        inlier = {"marker": "o", "color": BLUE, "linestyle": "none", "ms": 4.5}
         for (by_picture, over), camera in zip(panels, calibration.cameras, strict=True):
             number, good = np.arange(len(camera.images)), camera.inliers
             by_picture.axhline(camera.rms, color=GREY, lw=1.2, ls="--", label="RMS")
-            by_picture.plot(number[good], camera.picture_rms[good], label="fitted", **_INLIER)
+            by_picture.plot(number[good], camera.picture_rms[good], label="fitted", **inlier)
             if not good.all():
                 by_picture.plot(
                     number[~good], camera.picture_rms[~good], label="outlier", **_OUTLIER

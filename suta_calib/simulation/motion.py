@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Final
 
 import numpy as np
 from scipy.interpolate import CubicSpline
@@ -15,9 +14,6 @@ from suta_calib.display import Displayable
 from suta_calib.measurements.fields import Value, keyed, quantity
 from suta_calib.measurements.yaml_file import YamlSection
 from suta_calib.units import from_deg, from_ms
-
-# Rows from one posture that the arm passes to the next, before it is known how many are in sight.
-_ROWS_A_LEG: Final = 15
 
 
 def _ms(section: YamlSection, name: str) -> float:
@@ -91,7 +87,10 @@ def passage(
         postures: so many of them (n, joints), without jumps by whole turns.
         in_sight: of readings (n, joints), in which of them something is seen; None for all.
     """
-    legs = max(math.ceil(rows / _ROWS_A_LEG), 4)
+    # Rows from one posture that the arm passes to the next, before it is known how many are in
+    # sight.
+    rows_a_leg = 15
+    legs = max(math.ceil(rows / rows_a_leg), 4)
     while True:
         through = postures(legs + 1)
         if in_sight is not None:

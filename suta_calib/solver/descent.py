@@ -21,12 +21,6 @@ from suta_calib.arrays import FloatArray
 NEGLIGIBLE: Final = 1e-12
 # Evaluations; a descent that needs more creeps along, and is left to IPOPT.
 _MOST_EVALUATIONS: Final = 60
-# Shares of the diagonal. Where priors alone hold how several unknowns move together, the valley is
-# curved and a whole step leaves it, but the least damping turns it: a hundredth would stop it.
-_LEAST_DAMPING: Final = 1e-6
-_NO_DAMPING: Final = 1e-8
-# So much leaves nothing of a step.
-_MOST_DAMPING: Final = 1e16
 
 Evaluate = Callable[[FloatArray], tuple[float, FloatArray, FloatArray]]
 
@@ -95,6 +89,13 @@ def descend(
     damping, growth, taken = 0.0, 2.0, 0
     if not _finite(cost, gradient, hessian):
         return Descent(z, cost, False, taken)
+    # Shares of the diagonal. Where priors alone hold how several unknowns move together, the valley
+    # is curved and a whole step leaves it, but the least damping turns it: a hundredth would stop
+    # it.
+    least_damping = 1e-6
+    no_damping = 1e-8
+    # So much leaves nothing of a step.
+    most_damping = 1e16
     for _ in range(_MOST_EVALUATIONS):
         for number, basin in enumerate(basins):
             if basin.holds(z, cost):
@@ -115,7 +116,7 @@ def descend(
             # A step up, to a minimum above this point, is none that would be taken.
             if basin.cost <= cost and basin.cost_at(there) <= basin.cost + joins:
                 return Descent(basin.z, basin.cost, True, taken, joined=number)
-        if taken >= steps or damping > _MOST_DAMPING:
+        if taken >= steps or damping > most_damping:
             break
         value, *derivatives = evaluate(there)
         if value < cost and _finite(*derivatives):
@@ -125,12 +126,12 @@ def descend(
             # Nielsen (1999), IMM-REP-1999-05: by how well the quadratic foretold it.
             damping *= max(1.0 / 3.0, 1.0 - (2.0 * min(foretold, 1.0) - 1.0) ** 3)
             # So little damping is none.
-            damping, growth = (damping if damping > _NO_DAMPING else 0.0), 2.0
+            damping, growth = (damping if damping > no_damping else 0.0), 2.0
         elif left <= 1e-10 * max(cost, 1.0):  # Rounding alone keeps it from falling.
             return Descent(z, cost, True, taken, basin=Basin(z, cost, gradient, hessian))
         else:
             # Then twice, eight, 64 times as much.
-            damping, growth = max(growth * damping, _LEAST_DAMPING), 2.0 * growth
+            damping, growth = max(growth * damping, least_damping), 2.0 * growth
     return Descent(z, cost, False, taken)
 
 

@@ -34,9 +34,6 @@ _SEED: Final = 3
 _LEAST_SEEN: Final = 0.8
 # Share of a further row whose corners are found where they would be if the board went on.
 _GOES_ON: Final = 0.6
-# How much less of the picture the corners of a further row may explain than those of the board:
-# between a rim and what lies behind it there are things that are nearly corners.
-_LESS_CLEAR: Final = 0.1
 # Other boards that lie about.
 _COMMON: Final = (
     *((4, 3), (5, 4), (6, 4), (6, 5), (7, 5), (7, 6), (8, 5), (8, 6), (9, 6), (9, 7)),
@@ -307,7 +304,10 @@ def _complete_grid(
     if detected.mean() < _LEAST_SEEN:
         return None
     pixel = np.where(detected[:, None], saddles.pixel, start).reshape(rows, columns, 2)
-    clear = float(np.median(saddles.score[detected])) - _LESS_CLEAR
+    # How much less of the picture the corners of a further row may explain than those of the board:
+    # between a rim and what lies behind it there are things that are nearly corners.
+    less_clear = 0.1
+    clear = float(np.median(saddles.score[detected])) - less_clear
     detected = (detected & (saddles.score >= clear)).reshape(rows, columns)
     for _ in range(4):
         while len(detected) > 2 and detected[-1].mean() < _GOES_ON:

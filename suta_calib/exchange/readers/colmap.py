@@ -18,9 +18,6 @@ from suta_calib.exchange.table_roles import UNIT
 from suta_calib.exchange.tracked_bodies import BODY_OPTIONS
 from suta_calib.exchange.truncated import COMPLETE, check_last_line
 
-# IMAGE_ID, QW, QX, QY, QZ, TX, TY, TZ, CAMERA_ID, NAME
-_CELLS = 10
-
 
 class ColmapReader(Reader):
     """``T_camera_world`` of every picture: with ``--invert`` the camera's pose in the world.
@@ -40,7 +37,9 @@ class ColmapReader(Reader):
         text = read_foreign_text(path)
         check_last_line(path, text, given)
         rows = rows_of_text(path, text, " ")
-        pictures = [row for row in rows if len(row.cells) == _CELLS and not row.cells[9].isdigit()]
+        # IMAGE_ID, QW, QX, QY, QZ, TX, TY, TZ, CAMERA_ID, NAME
+        cells = 10
+        pictures = [row for row in rows if len(row.cells) == cells and not row.cells[9].isdigit()]
         if not pictures:
             raise ForeignFileError(
                 "no pictures", "lines of ten cells, with a name at the end", file=path
