@@ -34,6 +34,8 @@ _LENGTH: Final = 0.25
 _TOLERANCE: Final = 1e-12
 # Rounding may keep the last step from the tolerance; nobody notices a nanometre.
 _ARRIVED: Final = 1e3 * _TOLERANCE
+# Targets times starts that are searched at once: so few take hardly longer than one.
+_AT_ONCE: Final = 16
 
 
 @dataclass(frozen=True, eq=False)
@@ -213,14 +215,12 @@ class InverseKinematics:
             given_up[sought] = False
             left = left[~np.isin(left, asked) & ~given_up[left]]
         attempt, ahead = 1, 1
-        # Targets times starts that are searched at once: so few take hardly longer than one.
-        at_once = 16
         while len(left) and attempt < starts:
             state.clear()
             left = search(range(attempt, min(attempt + ahead, starts)), left)
             attempt += ahead
             # Where many have failed, more are tried at once.
-            ahead = max(min(attempt - 1, at_once // max(len(left), 1)), 1)
+            ahead = max(min(attempt - 1, _AT_ONCE // max(len(left), 1)), 1)
         if last + 1 in state:
             # What was drawn in vain is drawn again: nothing depends on how many are tried at once.
             rng.bit_generator.state = state[last + 1]

@@ -18,6 +18,8 @@ from suta_calib.errors import DeviceSilentError, DisconnectedError
 from suta_calib.optional_packages import load
 
 EXTRA: Final = "servo"
+# So long one may be silent before it is gone, s: a packet is lost now and then.
+_SILENT_S: Final = 1.0
 
 
 class ServoPort(Port):
@@ -67,12 +69,10 @@ class ServoPort(Port):
         """
         del timeout
         counts = list[int]()
-        # So long one may be silent before it is gone, s: a packet is lost now and then.
-        silent_s = 1.0
         for number in self._numbers:
             answer = self._position(number)
             if isinstance(answer, str):
-                if time.perf_counter() - self._heard[number] > silent_s:
+                if time.perf_counter() - self._heard[number] > _SILENT_S:
                     raise DisconnectedError(
                         f"{self._spec.port}: servo {number} does not answer any more ({answer}); "
                         "check its cable and its power supply"
