@@ -44,7 +44,7 @@ from suta_calib.measurements.fields import (
 from suta_calib.measurements.scale import GRADES
 from suta_calib.model.arm import ArmModel
 from suta_calib.model.cell import within
-from suta_calib.model.loop import Loop
+from suta_calib.model.loop import LOOP, Loop
 from suta_calib.model.parameters import (
     POSITION,
     ROTATION,
@@ -372,6 +372,12 @@ class ArmSpec(RobotSpec):
         try:
             arm = read()
         except UrdfError as problem:
+            if self.section is not None and (problem.where or "").startswith(LOOP):
+                at = ("loops",) if "loops" in self.section else ()
+                found = f"{problem.where}: {problem.found}"
+                raise self.section.refuse(
+                    found, problem.expected, at=at, hint=problem.hint
+                ) from None
             if self.section is None or problem.where not in ("tip", "base"):
                 raise
             expected = f"{problem.expected} {self.urdf}"

@@ -115,6 +115,17 @@ def uncut() -> Iterator[None]:
         yield
 
 
+@pytest.fixture(scope="session", autouse=True)
+def unhurried() -> Iterator[None]:
+    """No command says how long it has worked: how long that is depends on the machine.
+
+    Tests of the lines themselves give a patience of their own.
+    """
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr("suta_calib.cli._output.LateProgress.patience", 600.0)
+        yield
+
+
 @pytest.fixture(scope="module")
 def undrawn() -> Iterator[None]:
     """For tests that look at no picture: reports have each figure composed, but not drawn.

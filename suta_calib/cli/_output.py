@@ -5,12 +5,13 @@ from __future__ import annotations
 import signal
 import sys
 import threading
+import time
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from functools import wraps
 from hashlib import sha256
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 import click
 from rich.console import Console
@@ -128,7 +129,7 @@ def results_folder() -> Path:
 
 
 class LateProgress:
-    """A bar on stderr that work goes on: on a terminal only, and not before it is worth it.
+    """Says on stderr that work goes on, once it is worth it: a bar on a terminal, else lines.
 
     Called with what is done and the total, it says how far the work has come.
 
@@ -137,23 +138,27 @@ class LateProgress:
         patience: shorter runs are over before anybody wonders, s.
     """
 
-    def __init__(self, what: str, patience: float = 2.0) -> None:
+    patience: ClassVar[float] = 2.0
+    # From the first line to the second, then twice as long each time, and the most, s: a file that
+    # is read afterwards need not hold more.
+    between_lines: ClassVar[tuple[float, float]] = 10.0, 60.0
+
+    def __init__(self, what: str, patience: float | None = None) -> None:
         self._told: dict[str, Any] = {"description": what, "total": None}
         self._console = console(stderr=True)
         self._bar: Progress | None = None
-        self._lock, self._over = threading.Lock(), False
-        self._timer = threading.Timer(patience, self._show)
-        self._timer.daemon = True
+        self._began = time.monotonic()
+        self._lock, self._over = threading.Lock(), threading.Event()
+        wait = self.patience if patience is None else patience
+        self._thread = threading.Thread(target=self._show, args=(wait,), daemon=True)
 
     def __enter__(self) -> Self:
-        if self._console.is_terminal:
-            self._timer.start()
+        self._thread.start()
         return self
 
     def __exit__(self, *_: object) -> None:
+        self._over.set()
         with self._lock:
-            self._over = True
-            self._timer.cancel()
             if self._bar is not None:
                 self._bar.stop()
 
@@ -171,12 +176,29 @@ class LateProgress:
             if self._bar is not None:
                 self._bar.update(self._bar.task_ids[0], **fields)
 
-    def _show(self) -> None:
-        with self._lock:
-            if not self._over:
-                self._bar = Progress(console=self._console, transient=True)
-                self._bar.add_task(**self._told)
-                self._bar.start()
+    def _show(self, wait: float) -> None:
+        following, most = self.between_lines
+        while not self._over.wait(wait):
+            with self._lock:
+                if self._over.is_set():
+                    return
+                if self._console.is_terminal:
+                    self._bar = Progress(console=self._console, transient=True)
+                    self._bar.add_task(**self._told)
+                    self._bar.start()
+                    return
+                # Nobody need read it: a full disk or a closed pipe ends no work.
+                with suppress(OSError):
+                    self._say()
+            wait, following = following, min(2.0 * following, most)
+
+    def _say(self) -> None:
+        total, done = self._told["total"], self._told.get("completed", 0)
+        part = "" if total is None else f" {done} of {total},"
+        passed = time.monotonic() - self._began
+        self._console.print(
+            f"{self._told['description']}:{part} {passed:.0f} s so far", soft_wrap=True
+        )
 
 
 class LiveView:

@@ -88,6 +88,6 @@ def plan(
     if candidates is not None:
         places, options = planning.candidate_places(candidates, situation, options)
     where = None if region is None else planning.Region.box(region[0], region[1], situation)
-    with LateProgress("planning"):
-        chosen = planning.plan(situation, options, places, where)
+    with LateProgress("planning") as progress:
+        chosen = planning.plan(situation, options, places, where, progress)
     return plan_document(chosen)

@@ -36,6 +36,9 @@ PARALLEL: Final = 0.05
 # calibrated one has the zeros of encoders in it.
 DRAWN: Final = 0.05
 
+# Before the frames of one, in messages.
+LOOP: Final = "loop"
+
 _Refuse = Callable[..., UrdfError]
 
 
@@ -67,7 +70,7 @@ def loop_of(tree: UrdfTree, loop: Loop) -> LoopJoints:
         UrdfError: no such frame or joint, joints that are not in the loop, or a loop that is not
             planar or does not close as it is drawn.
     """
-    where = f"loop {loop.frames[0]} – {loop.frames[1]}"
+    where = f"{LOOP} {loop.frames[0]} – {loop.frames[1]}"
 
     def refuse(found: str, expected: str, hint: str = "") -> UrdfError:
         return UrdfError(found, expected, file=tree.path, where=where, hint=hint)
@@ -110,7 +113,7 @@ def _link(tree: UrdfTree, name: str, refuse: _Refuse) -> str:
     if name in tree.joints:
         return tree.joints[name].child
     every = (*tree.links, *tree.joints)
-    raise refuse(quoted(name), "a link or a joint of the file", did_you_mean(name, every))
+    raise refuse(quoted(name), "a link or a joint of the URDF", did_you_mean(name, every))
 
 
 def _joint(tree: UrdfTree, joint: TreeJoint, passive: Sequence[str]) -> ChainJoint:
@@ -189,7 +192,7 @@ def _after(loops: Sequence[LoopJoints], k: int, passive: set[str]) -> LoopJoints
             raise UrdfError(
                 f"a loop with the joint {quoted(joint.name)}, which a later loop moves",
                 "loops in the order in which they can be solved",
-                where="loops",
+                where=LOOP,
             )
     first, second = (
         tuple(_passive(j) if j.name in passive else j for j in branch)

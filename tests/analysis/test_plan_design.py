@@ -143,6 +143,17 @@ def test_exchange_finds_the_best_of_all_sets(criterion: str) -> None:
     assert set(ordered(design, start, found)) == set(found)
 
 
+@pytest.mark.parametrize("criterion", ["tip", "d"])
+@pytest.mark.parametrize("chosen", [[], [4], [0, 3, 7]])
+def test_the_next_one_is_the_best_of_all_computed_in_full(
+    criterion: str, chosen: list[int]
+) -> None:
+    design, _, start = random_design(criterion)
+    values = {k: design.value(start, [*chosen, k]) for k in range(9) if k not in chosen}
+    best = min(values, key=lambda k: values[k])
+    assert design.best_next(start, chosen) == (best, pytest.approx(values[best], rel=1e-10))
+
+
 def test_values_are_those_of_the_covariance_written_out() -> None:
     design, space, start = random_design("tip")
     back = np.linalg.inv(design.basis)

@@ -50,22 +50,25 @@ def test_files_named_on_the_screen(pivot_file: Path, tmp_path: Path) -> None:
     assert f"Written to {tmp_path / 'out'}: {files}" in said
 
 
-@pytest.mark.parametrize(
-    ("terminal", "patience", "said"), [(True, 0.0, True), (True, 60.0, False), (False, 0.0, False)]
-)
-def test_long_work_says_so_on_a_terminal_only(
+@pytest.mark.parametrize("terminal", [True, False])
+@pytest.mark.parametrize(("patience", "said"), [(0.0, True), (60.0, False)])
+def test_long_work_says_so(
     terminal: bool, patience: float, said: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     written = io.StringIO()
     there = Console(file=written, force_terminal=terminal)
     monkeypatch.setattr(_output, "console", lambda **_: there)
-    with _output.LateProgress("calibrating", patience) as status:
+    status = _output.LateProgress("calibrating", patience)
+    status(3, 7)
+    with status:
         for _ in range(100):
             if "calibrating" in written.getvalue():
                 break
             time.sleep(0.01 if said else 0.001)
     status.__exit__(None, None, None)
     assert ("calibrating" in written.getvalue()) == said
+    if said and not terminal:
+        assert written.getvalue() == "calibrating: 3 of 7, 0 s so far\n"
 
 
 @pytest.mark.filterwarnings("default")

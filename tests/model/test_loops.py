@@ -207,3 +207,7 @@ def test_a_job_says_its_loops(tmp_path):
     job.write_text(text.replace("[elbow, coupler]", "[elbow]"))
     with pytest.raises(InputError, match=r"calibration\.yaml.*two names"):
         CalibrationJob.load(job)
+    job.write_text(text.replace("pin_link]", "pin_lnk]"))
+    says = r"calibration\.yaml:4: arm\.loops: found loop tail_link – pin_lnk: 'pin_lnk'.*'pin_link'"
+    with pytest.raises(InputError, match=says):
+        CalibrationJob.load(job).run()

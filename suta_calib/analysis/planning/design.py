@@ -19,9 +19,11 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Final
 
 import numpy as np
+from scipy.linalg.lapack import dpstrf
 
 from suta_calib.analysis.planning.candidates import Candidate
 from suta_calib.analysis.planning.situation import Situation
@@ -278,13 +280,58 @@ class Design(Displayable):
         """The criterion of one choice."""
         return float(self.values(*self.of(start, chosen)))
 
+    @property
+    def work(self) -> float:
+        """Multiplications, about, of looking for the next candidate."""
+        count, unknowns, told = self._ranges[0].shape
+        return float(8 * count * unknowns**2 * told)
+
+    def with_each(self, start: SharedInformation, chosen: Sequence[int] = ()) -> FloatArray:
+        """The criterion (N,) with each candidate added to a choice."""
+        return self._with_each(*self.of(start, chosen))
+
     def best_next(self, start: SharedInformation, chosen: Sequence[int]) -> tuple[int, float]:
         """The candidate to add to a choice, and the criterion with it."""
-        curvature, variance = self.of(start, chosen)
-        values = self.values(curvature + self.curvature, variance + self.variance)
+        values = self.with_each(start, chosen)
         values[list(chosen)] = np.inf
         best = int(np.argmin(values))
         return best, float(values[best])
+
+    def _with_each(self, curvature: FloatArray, variance: FloatArray) -> FloatArray:
+        """The criterion (N,) with each candidate added to matrices (r, r).
+
+        A candidate informs about few directions: with H = (C + 1)⁻¹ without it, and Q c Qᵀ of its
+        own, the inverse is H - H Q (1 + c Qᵀ H Q)⁻¹ c Qᵀ H (Woodbury).
+        """
+        basis, own, own_variance = self._ranges
+        one, back = np.eye(len(curvature)), basis.transpose(0, 2, 1)
+        bread, filling = np.linalg.inv(curvature + one), variance + one
+        met = np.eye(basis.shape[2]) + own @ (back @ (bread @ basis))
+        if self.criterion == "d":
+            apart = back @ np.linalg.solve(filling, basis)
+            logarithm = np.linalg.slogdet(bread @ filling @ bread)[1]
+            logarithm = logarithm - 2.0 * np.linalg.slogdet(met)[1]
+            logarithm += np.linalg.slogdet(np.eye(basis.shape[2]) + own_variance @ apart)[1]
+            return np.asarray(0.5 * logarithm / self.arm_count)
+        left = np.linalg.inv(met)
+        less, spread = left @ own, bread @ filling @ bread
+        weighted = self.weight @ bread
+        by_tip = back @ (bread @ weighted @ basis)
+        square = np.trace(self.weight @ spread) - 2.0 * _traces(
+            less, back @ (spread @ weighted @ basis)
+        )
+        square += _traces(less @ (back @ (spread @ basis)), less @ by_tip)
+        square += _traces(left @ own_variance @ left.transpose(0, 2, 1), by_tip)
+        return np.asarray(np.sqrt(np.maximum(square, 0.0)))
+
+    @cached_property
+    def _ranges(self) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """(N, r, m) bases of what each candidate informs about; its matrices (N, m, m) in them."""
+        bases = [_range(pair) for pair in self.curvature + self.variance]
+        most = max(basis.shape[1] for basis in bases)
+        basis = np.stack([np.pad(own, ((0, 0), (0, most - own.shape[1]))) for own in bases])
+        back = basis.transpose(0, 2, 1)
+        return basis, back @ (self.curvature @ basis), back @ (self.variance @ basis)
 
     def _spread(self, curvature: FloatArray, variance: FloatArray) -> FloatArray:
         prior = np.eye(curvature.shape[-1])
@@ -301,6 +348,21 @@ class Design(Displayable):
         return np.asarray(0.5 * logarithm / self.arm_count)
 
 
+def _range(matrix: FloatArray) -> FloatArray:
+    """Orthonormal basis (r, m) of a matrix (r, r) without negative eigenvalues."""
+    # Information below this part of the largest is rounding.
+    rounding = 1e-13
+    lower, pivots, rank, _ = dpstrf(matrix, tol=rounding * np.diag(matrix).max(), lower=1)
+    columns = np.zeros((len(matrix), rank))
+    columns[pivots - 1] = np.tril(lower)[:, :rank]
+    return np.asarray(np.linalg.qr(columns)[0])
+
+
+def _traces(a: FloatArray, b: FloatArray) -> FloatArray:
+    """(N,) traces of products of matrices (N, m, m)."""
+    return np.asarray(np.einsum("nij,nji->n", a, b))
+
+
 def greedy(design: Design, start: SharedInformation, count: int) -> list[int]:
     """``count`` candidates, each the best after those before it; fewer where there are fewer."""
     picked = list[int]()
@@ -311,10 +373,11 @@ def greedy(design: Design, start: SharedInformation, count: int) -> list[int]:
 
 def exchange(design: Design, start: SharedInformation, chosen: Sequence[int]) -> list[int]:
     """Exchange single candidates until none is worth it; best first in the end."""
-    # An exchange must gain this much to count, in units of the criterion's value.
-    worth = 1e-9
-    most_passes = 20
+    # An exchange must gain this share of the criterion's value to count: less is rounding.
+    worth = 1e-7
     picked = list(chosen)
+    # Of hundreds of candidates for hundreds of unknowns no more is tried than some seconds allow.
+    most_passes = min(20, int(2e11 / (design.work * max(len(picked), 1))))
     value = design.value(start, picked)
     for _ in range(most_passes):
         before = value
@@ -330,6 +393,8 @@ def exchange(design: Design, start: SharedInformation, chosen: Sequence[int]) ->
 
 def best_set(design: Design, start: SharedInformation, count: int) -> list[int]:
     """Greedy choice, improved by exchange; best first."""
+    if count >= len(design):
+        return [int(k) for k in np.argsort(design.with_each(start), kind="stable")]
     return exchange(design, start, greedy(design, start, count))
 
 
@@ -337,7 +402,7 @@ def ordered(design: Design, start: SharedInformation, chosen: Sequence[int]) -> 
     """The same candidates, each the best of those left after those before it."""
     left, picked = list(chosen), list[int]()
     while left:
-        values = [design.value(start, [*picked, k]) for k in left]
+        values = design.with_each(start, picked)[left]
         picked.append(left.pop(int(np.argmin(values))))
     return picked
 

@@ -275,6 +275,8 @@ def remedies(
     would be held in all: of a combination, holding another one instead is no gain.
     """
     names = _fixed(space, present)
+    if not names:
+        return ()
     problem, x = situation.problem, situation.x
     texts = {e.fixed: e for e in explain(problem, x, identify_at(problem, x, situation.sigmas))}
     remedies_found = []
