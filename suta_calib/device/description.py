@@ -80,6 +80,7 @@ class DeviceSpec(Displayable):
         unit: of the values in lines: ``counts``, ``rad`` or ``deg``; all else is in counts.
         counts_per_turn: counts of one turn of a joint.
         joints: in the order the device sends them.
+        extra_columns: names of the numbers that it sends after them.
     """
 
     path: Path
@@ -89,11 +90,17 @@ class DeviceSpec(Displayable):
     unit: str
     counts_per_turn: int
     joints: tuple[JointSpec, ...]
+    extra_columns: tuple[str, ...] = ()
 
     @property
     def names(self) -> tuple[str, ...]:
         """Names of the joints, in the order the device sends them."""
         return tuple(joint.name for joint in self.joints)
+
+    @property
+    def numbers(self) -> int:
+        """How many numbers it sends at a time."""
+        return len(self.joints) + len(self.extra_columns)
 
     @property
     def turns(self) -> FloatArray:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Final
@@ -22,6 +23,7 @@ from suta_calib.device.port import expected_name
 from suta_calib.errors import DeviceFileError
 from suta_calib.measurements.fields import (
     TEXT,
+    TEXTS,
     Field,
     Fields,
     Value,
@@ -30,6 +32,7 @@ from suta_calib.measurements.fields import (
     read_as,
     whole_number,
 )
+from suta_calib.measurements.samples import STROKE
 from suta_calib.measurements.yaml_file import YamlSection, read_yaml, shown
 
 _DEFAULT_BAUDRATE: Final = 921600
@@ -72,7 +75,16 @@ DEVICE_KEYS: Final = Fields(
         "The joints, in the order in which the device sends them.",
         required=True,
     ),
+    Field(
+        "extra_columns",
+        TEXTS,
+        "Names of further numbers that lines contain after those of the joints, such as [ax, ay, "
+        "az] of an accelerometer. measure averages them at each rest, and writes them beside the "
+        "joints.",
+    ),
 )
+# Columns of a recording, and of a samples file, that say when and which.
+_TAKEN: Final = ("sequence", "time", "arrival", "errors", "repeat", STROKE)
 
 
 def read_device(path: str | Path) -> DeviceSpec:
@@ -83,7 +95,7 @@ def read_device(path: str | Path) -> DeviceSpec:
 
     Raises:
         DeviceFileError: unreadable, an unknown, missing or unusable key (with its line), one
-            joint twice, or counts that do not fit the format.
+            joint or column twice, or counts that do not fit the format.
     """
     path = Path(path)
     top = YamlSection(read_yaml(path, DeviceFileError), DeviceFileError)
@@ -108,6 +120,7 @@ def read_device(path: str | Path) -> DeviceSpec:
         raise top.refuse(shown(port), f"at most {longest} characters", at=("port",))
     if (port_form := expected_name(port)) is not None:
         raise top.refuse(repr(port), port_form, at=("port",))
+    joints = _joints(top, form, unit)
     return DeviceSpec(
         path=path,
         port=_beside(top.document.path, port),
@@ -115,7 +128,8 @@ def read_device(path: str | Path) -> DeviceSpec:
         format=form.name,
         unit=unit,
         counts_per_turn=counts,
-        joints=_joints(top, form, unit),
+        joints=joints,
+        extra_columns=_extra_columns(top, form, [joint.name for joint in joints]),
     )
 
 
@@ -176,3 +190,21 @@ def _joints(top: YamlSection, form: Format, unit: str) -> tuple[JointSpec, ...]:
             joint = replace(joint, number=place)
         joints.append(joint)
     return tuple(joints)
+
+
+def _extra_columns(top: YamlSection, form: Format, joints: Sequence[str]) -> tuple[str, ...]:
+    names = top.texts("extra_columns") if "extra_columns" in top else ()
+    if names and not form.extra_columns:
+        carrying = " or ".join(name for name, other in FORMATS.items() if other.extra_columns)
+        expected = f"this key left out, or format: {carrying}. {form.name} contain joints only"
+        raise top.refuse(", ".join(names), expected, at=("extra_columns",))
+    for k, name in enumerate(names):
+        if name in names[:k] or name in joints or name in _TAKEN:
+            what = "as a joint" if name in joints else "twice"
+            problem = repr(name) if name in _TAKEN else f"{name!r} {what}"
+            expected = f"names of their own, and none of {', '.join(_TAKEN)}"
+            raise top.refuse(problem, expected, at=("extra_columns", k))
+        if not name.isprintable() or name.strip() != name or "," in name:
+            expected = "a column's name without commas or blanks around it"
+            raise top.refuse(repr(name), expected, at=("extra_columns", k))
+    return names

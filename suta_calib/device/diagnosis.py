@@ -36,7 +36,7 @@ def describe_bytes(data: bytes, spec: DeviceSpec) -> str:
         # So few different bytes are what a line sampled at the wrong speed gives.
         if len(set(data)) <= 6 and not text:
             hint += " (only few different values: probably another speed)"
-    return f"found {description}; expected {form.expected(len(spec.joints))}; {hint}"
+    return f"found {description}; expected {form.expected(spec.numbers)}; {hint}"
 
 
 def remarks(statistics: Statistics, spec: DeviceSpec) -> list[str]:

@@ -18,6 +18,9 @@ ERROR_ADVICE: Final = (
     "check the distance and position of the magnet (or scale), and the encoder's supply"
 )
 
+NO_EXTRA: Final[FloatArray] = np.zeros(0)
+NO_EXTRA.setflags(write=False)
+
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Reading(Displayable):
@@ -30,6 +33,7 @@ class Reading(Displayable):
         error: (n,) the encoder says that its position is not valid.
         warning: (n,) the encoder says that its position is valid, but near its limits.
         arrival: s, `time.perf_counter` of this computer when the last byte had been read.
+        extra: (m,) numbers of `DeviceSpec.extra_columns`; NaN where the device had none.
     """
 
     sequence: int
@@ -38,6 +42,7 @@ class Reading(Displayable):
     error: BoolArray
     warning: BoolArray
     arrival: float
+    extra: FloatArray = field(default_factory=lambda: NO_EXTRA)
 
 
 @dataclass(eq=False)

@@ -6,7 +6,7 @@ import pytest
 
 from suta_calib.device import JointSpec, read_device
 from suta_calib.device.description import UNASKED
-from suta_calib.device.formats import FORMATS
+from suta_calib.device.formats import FORMATS, Format
 from suta_calib.errors import DeviceFileError
 from suta_calib.registry import shipped
 
@@ -111,3 +111,42 @@ def test_a_joint_may_have_its_own_zero_gear_and_encoder(tmp_path: Path) -> None:
 
 def test_formats_of_devices_that_speak_by_themselves_are_those_that_are_not_asked() -> None:
     assert set(UNASKED) == {name for name, form in shipped(FORMATS).items() if not form.asked}
+
+
+def test_further_numbers_have_names(tmp_path: Path) -> None:
+    assert read(tmp_path, GOOD).extra_columns == ()
+    spec = read(tmp_path, GOOD + "extra_columns: [ax, ay, az]\n")
+    assert (spec.extra_columns, spec.numbers) == (("ax", "ay", "az"), 5)
+
+
+@pytest.mark.parametrize(
+    ("columns", "words"),
+    [
+        ("[ax, ax]", ["extra_columns[1]", "'ax' twice"]),
+        ("[ax, joint_2]", ["extra_columns[1]", "'joint_2' as a joint"]),
+        ("[time]", ["extra_columns[0]", "'time'", "none of sequence, time"]),
+        ("[stroke]", ["'stroke'"]),
+        ("['a,b']", ["'a,b'", "without commas"]),
+        ("[]", ["empty list"]),
+        ("3", ["3"]),
+    ],
+)
+def test_names_that_cannot_be_columns_are_refused(
+    tmp_path: Path, columns: str, words: list[str]
+) -> None:
+    with pytest.raises(DeviceFileError) as caught:
+        read(tmp_path, f"{GOOD}extra_columns: {columns}\n")
+    assert caught.value.line == 7
+    for word in words:
+        assert word in str(caught.value)
+
+
+@pytest.mark.parametrize("form", shipped(FORMATS).values(), ids=shipped(FORMATS))
+def test_only_some_formats_contain_more_than_joints(tmp_path: Path, form: Format) -> None:
+    text = f"port: x\nformat: {form.name}\nunit: counts\ncounts_per_turn: 4194304\n"
+    text += "joints: [{name: a}]\nextra_columns: [ax]\n"
+    if form.extra_columns:
+        assert read(tmp_path, text).extra_columns == ("ax",)
+    else:
+        with pytest.raises(DeviceFileError, match=r"extra_columns: found ax.*format: lines"):
+            read(tmp_path, text)

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from suta_calib.arrays import BoolArray, FloatArray
 from suta_calib.device.description import DeviceSpec
 from suta_calib.device.port import Port
-from suta_calib.device.reading import Reading, Statistics
+from suta_calib.device.reading import NO_EXTRA, Reading, Statistics
 
 
 class Decoder(ABC):
@@ -66,6 +66,7 @@ class Sample(NamedTuple):
         values: (joints,) as `Encoder.values` gives them.
         error: (joints,) where the encoder raises its error flag.
         warning: (joints,) the same for its warning flag.
+        extra: (m,) numbers of `DeviceSpec.extra_columns`.
     """
 
     sequence: int
@@ -73,6 +74,7 @@ class Sample(NamedTuple):
     values: NDArray[Any]
     error: BoolArray
     warning: BoolArray
+    extra: FloatArray = NO_EXTRA
 
 
 class Encoder(ABC):
@@ -100,6 +102,7 @@ class Format(ABC):
         counts_per_turn: the default of that key; None where lines in counts must say it.
         most_joints: how many joints it can carry; None for any number.
         geared: whether a joint may have a ``ratio`` and ``counts_per_turn`` of its own.
+        extra_columns: whether it can carry other numbers than those of joints.
         has_clock: whether it carries the device's own clock and a number for every sample.
         damaged: what samples are called that came damaged, in the plural.
         damage: the same as a predicate: ``5 % of`` …
@@ -117,6 +120,7 @@ class Format(ABC):
     counts_per_turn: ClassVar[int | None] = None
     most_joints: ClassVar[int | None] = None
     geared: ClassVar[bool] = False
+    extra_columns: ClassVar[bool] = False
     has_clock: ClassVar[bool]
     damaged: ClassVar[str]
     damage: ClassVar[str]
@@ -134,8 +138,8 @@ class Format(ABC):
         return Port(spec)
 
     @abstractmethod
-    def expected(self, joints: int) -> str:
-        """What bytes of a device with so many joints should be, in words."""
+    def expected(self, numbers: int) -> str:
+        """What bytes of a device should be, in words: with so many joints and extra columns."""
 
     @abstractmethod
     def recognises(self, data: bytes) -> bool:

@@ -244,7 +244,7 @@ class FramesEncoder(Encoder):
 
     def packet(self, sample: Sample) -> bytes:
         """One frame."""
-        return encode_frame(*sample)
+        return encode_frame(*sample[:5])
 
 
 class FramesFormat(Format):
@@ -261,9 +261,9 @@ class FramesFormat(Format):
     near_miss: ClassVar[str] = "frame headers AA 55, but no frame with a correct CRC"
     header: ClassVar[bytes] = HEADER
 
-    def expected(self, joints: int) -> str:
+    def expected(self, numbers: int) -> str:
         """``frames AA 55 … of 6 joints``."""
-        return f"frames AA 55 … of {joints} joints"
+        return f"frames AA 55 … of {numbers} joints"
 
     def recognises(self, data: bytes) -> bool:
         """More headers than chance explains."""

@@ -1,4 +1,8 @@
-"""The line format of hobby and laboratory arms: ``q1,q2,…,qn`` in counts, rad or deg."""
+"""The line format of hobby and laboratory arms: ``q1,q2,…,qn`` in counts, rad or deg.
+
+Numbers of `DeviceSpec.extra_columns` follow those of the joints. One of them may be missing: no
+cell, or ``nan``.
+"""
 
 from __future__ import annotations
 
@@ -16,18 +20,23 @@ from suta_calib.device.reading import Reading
 from suta_calib.errors import WrongFormatError
 
 _NUMBER: Final = rb"[ \t]*[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]{1,3})?[ \t]*"
+_NONE: Final = rb"[ \t]*(?:[+-]?(?:[nN][aA][nN]|[iI][nN][fF]))?[ \t]*"
 _VALUES: Final = re.compile(_NUMBER + rb"(?:," + _NUMBER + rb")*")
+_VALUES_OR_NONE: Final = re.compile(_NUMBER + rb"(?:,(?:" + _NUMBER + rb"|" + _NONE + rb"))*")
 
 
-def encode_line(values: ArrayLike, spec: DeviceSpec) -> bytes:
+def encode_line(values: ArrayLike, spec: DeviceSpec, extra: ArrayLike = ()) -> bytes:
     """One line, as a device would send it.
 
     Args:
         values: (n,) in the device's own unit (`DeviceSpec.values`), in the order of its joints.
         spec: gives the unit: counts are written as whole numbers.
+        extra: (m,) numbers of its extra columns.
     """
     form = "{:.0f}" if spec.unit == "counts" else "{:.12g}"
-    return ",".join(form.format(value) for value in np.asarray(values).tolist()).encode() + b"\n"
+    cells = [form.format(value) for value in np.asarray(values).tolist()]
+    cells += [f"{value:.12g}" for value in np.asarray(extra).tolist()]
+    return ",".join(cells).encode() + b"\n"
 
 
 def angles_from_values(
@@ -54,7 +63,8 @@ class LinesDecoder(Decoder):
         # A device may say a whole turn, not more: then the unit is another one. A counter of
         # several turns may be anywhere within a turn of the joint, about its zero.
         self._most = (1.0 + 1e-6) * np.abs(self._turns) + np.abs(self._zeros)
-        self._longest = 40 * len(spec.joints)
+        self._longest = 40 * spec.numbers
+        self._values = _VALUES_OR_NONE if spec.extra_columns else _VALUES
         self._none_raised = np.zeros(len(spec.joints), dtype=np.bool_)
         self._none_raised.setflags(write=False)
         self._whole = False  # the buffer begins where a line begins
@@ -79,10 +89,12 @@ class LinesDecoder(Decoder):
         first, flags = self._sequence, self._none_raised
         self._sequence += len(rows)
         self.statistics.frames += len(rows)
-        angles = angles_from_values(np.array(rows) - self._zeros, self._signs, self._turns)
+        values = np.array(rows)
+        joints = len(self._zeros)
+        angles = angles_from_values(values[:, :joints] - self._zeros, self._signs, self._turns)
         return [
-            Reading(first + index, arrival, row, flags, flags, arrival)
-            for index, row in enumerate(angles)
+            Reading(first + index, arrival, row, flags, flags, arrival, extra)
+            for index, (row, extra) in enumerate(zip(angles, values[:, joints:], strict=True))
         ]
 
     def resume(self, after: Reading | None) -> None:
@@ -95,12 +107,14 @@ class LinesDecoder(Decoder):
         text = line.rstrip(b"\r")
         if not text.strip():
             return None
-        if len(line) <= self._longest and _VALUES.fullmatch(text):
-            row = [float(value) for value in text.split(b",")]
-            if len(row) == len(self._spec.joints) and np.all(np.abs(row) <= self._most):
+        if len(line) <= self._longest and self._values.fullmatch(text):
+            row = [float(value) if value.strip() else math.nan for value in text.split(b",")]
+            angles = row[: len(self._most)]
+            if len(row) == self._spec.numbers and np.all(np.abs(angles) <= self._most):
                 self._unfit = 0
                 return row
-            self._refuse(row, text)
+            if not np.isnan(angles).any():
+                self._refuse(row, text)
         self.statistics.frame_crc_errors += 1
         return None
 
@@ -112,10 +126,13 @@ class LinesDecoder(Decoder):
             return
         spec, self._unfit = self._spec, 0
         place = f"{spec.port}: found lines such as '{bytes(text[:60]).decode('ascii')}'"
-        if len(row) != len(spec.joints):
+        if len(row) != spec.numbers:
+            listed = "'joints' and 'extra_columns'" if spec.extra_columns else "'joints'"
+            more = len(row) > spec.numbers and not spec.extra_columns
             raise WrongFormatError(
                 f"{place}, of {len(row)} value{'s' * (len(row) != 1)}; expected "
-                f"{len(spec.joints)}, as many as {spec.path} lists under 'joints'"
+                f"{spec.numbers}, as many as {spec.path} lists under {listed}"
+                + ("; if the last ones are no joints, name them under 'extra_columns'" * more)
             )
         raise WrongFormatError(
             f"{place}; expected at most one turn, {self._turns.max():.10g} {spec.unit}, of every "
@@ -128,11 +145,11 @@ class LinesEncoder(Encoder):
 
     def packet(self, sample: Sample) -> bytes:
         """One line."""
-        return encode_line(sample.values, self._spec)
+        return encode_line(sample.values, self._spec, sample.extra)
 
 
 class LinesFormat(Format):
-    """Lines of text, a number per joint."""
+    """Lines of text: a number per joint, and then those of the extra columns."""
 
     name: ClassVar[str] = "lines"
     decoder: ClassVar[type[Decoder]] = LinesDecoder
@@ -140,12 +157,13 @@ class LinesFormat(Format):
     units: ClassVar[tuple[str, ...]] = ("counts", "rad", "deg")
     has_clock: ClassVar[bool] = False
     geared: ClassVar[bool] = True
+    extra_columns: ClassVar[bool] = True
     damaged: ClassVar[str] = "lines that cannot be read"
     damage: ClassVar[str] = "lines are not lists of numbers"
 
-    def expected(self, joints: int) -> str:
+    def expected(self, numbers: int) -> str:
         """``lines of 6 numbers with commas between``."""
-        return f"lines of {joints} numbers separated by commas"
+        return f"lines of {numbers} numbers separated by commas"
 
     def recognises(self, data: bytes) -> bool:
         """Printable text."""

@@ -109,6 +109,7 @@ class ServoFormat(LinesFormat, ABC):
     """
 
     units: ClassVar[tuple[str, ...]] = ("counts",)
+    extra_columns: ClassVar[bool] = False
     counts_per_turn: ClassVar[int | None] = 4096
     baudrate: ClassVar[int] = 1_000_000
     asked: ClassVar[bool] = True

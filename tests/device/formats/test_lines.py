@@ -130,3 +130,40 @@ def test_zero_gear_and_counts_of_each_joint(unit: str) -> None:
     got = np.array([reading.angles for reading in readings])
     step = {"counts": math.tau / 2048, "rad": 1e-9, "deg": 1e-9}[unit]
     np.testing.assert_allclose(got, angles, rtol=0, atol=step)
+
+
+# ── Numbers beside those of the joints ────────────────────────────────────────────────────────
+EXTRA = device(format="lines", unit="rad", joints=JOINTS, extra_columns=("ax", "ay"))
+
+
+def test_further_numbers_come_after_those_of_the_joints() -> None:
+    line = encode_line([0.1, 0.2, 0.3], EXTRA, [9.81, -0.125])
+    assert line == b"0.1,0.2,0.3,9.81,-0.125\n"
+    (reading,) = decoder_for(EXTRA).feed(b"\n" + line, 0.0)
+    np.testing.assert_allclose(reading.angles, [0.1, -0.2, 0.3], atol=1e-12)
+    assert reading.extra.tolist() == [9.81, -0.125]
+
+
+@pytest.mark.parametrize("cells", [b"nan,1", b" NaN ,1", b",1", b"-nan,1", b"1e999,1", b"inf,1"])
+def test_a_number_that_is_missing_costs_no_joint(cells: bytes) -> None:
+    decoder = decoder_for(EXTRA)
+    readings = decoder.feed(b"\n" + 5 * (b"0.1,0.2,0.3," + cells + b"\n"), 0.0)
+    assert len(readings) == 5
+    assert decoder.statistics.frame_crc_errors == 0
+    for reading in readings:
+        assert np.isfinite(reading.extra).tolist() == [False, True]
+
+
+@pytest.mark.parametrize("line", [b"nan,0.2,0.3,1,2\n", b"0.1,,0.3,1,2\n", b"0.1,0.2,0.3,1,x\n"])
+def test_a_joint_without_a_number_is_damage(line: bytes) -> None:
+    decoder = decoder_for(EXTRA)
+    assert decoder.feed(b"\n" + 5 * line, 0.0) == []
+    assert decoder.statistics.frame_crc_errors == 5
+
+
+def test_missing_or_unnamed_further_numbers_are_named() -> None:
+    words = r"of 3 values; expected 5.*under 'joints' and 'extra_columns'"
+    with pytest.raises(WrongFormatError, match=words):
+        decoder_for(EXTRA).feed(b"\n" + 3 * b"0.1,0.2,0.3\n", 0.0)
+    with pytest.raises(WrongFormatError, match=r"of 5 values; expected 3.*name them under 'extra_"):
+        decoder_for(SPECS["rad"]).feed(b"\n" + 3 * b"0.1,0.2,0.3,0,9.8\n", 0.0)
