@@ -15,6 +15,11 @@ def listed(names: Sequence[str], most: int = MOST_NAMES) -> str:
     return ", ".join(names[:most]) + (f" and {rest} more" if rest > 0 else "")
 
 
+def enumerated(names: Sequence[str], last: str = "and") -> str:
+    """All names in a sentence: ``a, b and c``."""
+    return f" {last} ".join(filter(None, (", ".join(names[:-1]), *names[-1:])))
+
+
 def kept(names: Sequence[str], most: int = 3) -> str:
     """What must stay as it is: ``joint_2.z keeps its nominal value``; empty where nothing must."""
     if not names:

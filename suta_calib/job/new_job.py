@@ -238,6 +238,7 @@ def _explained(folders: Mapping[tuple[str, str], tuple[str, str]]) -> Iterator[s
         printed.add(kind)
         first, *others = (f"{key}: {value}" for key, value in keys.items())
         yield "\n    ".join([f"  - {first}", *others])
+        yield from (f"    # {line}" for line in term.begun)
         if finds_places(term):
             yield _POSE
         if term.medium != "touch":

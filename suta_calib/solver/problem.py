@@ -239,7 +239,11 @@ def _own_parameters(terms: Sequence[Term]) -> dict[str, Parameter]:
                 raise ParameterError(
                     f"{parameter.name} of {subject} and of {term.subject}",
                     "one name for one thing",
-                    hint="give the placements of one of the two other labels",
+                    hint=(
+                        "give the row of one of the two another label: a label stands for one clock"
+                        if parameter in term.of_clock
+                        else "give the placements of one of the two other labels"
+                    ),
                 )
             before = parameters.get(parameter.name, parameter)
             given = [p for p in (before, parameter) if p.prior is not None or not p.free]

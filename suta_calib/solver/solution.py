@@ -189,14 +189,18 @@ class Solution(Displayable):
         """Names of the parameters that the data do not determine."""
         return tuple(e.name for e in self.estimates.values() if e.state == "unidentified")
 
+    @property
+    def prior_variance(self) -> FloatArray:
+        """(n,) of every parameter before the data, m² and rad²; inf where nothing was known."""
+        with np.errstate(divide="ignore"):
+            prior = 1.0 / self.problem.stated_precision()
+        return prior if self.weights is None else prior + np.diag(self.weights.covariance)
+
     @cached_property
     def estimates(self) -> dict[str, Estimate]:
         """Every parameter with its standard deviation and state, in the problem's order."""
         variance = np.maximum(np.diag(self.covariance), 0.0)
-        with np.errstate(divide="ignore"):
-            prior = 1.0 / self.problem.stated_precision()
-        if self.weights is not None:
-            prior = prior + np.diag(self.weights.covariance)
+        prior = self.prior_variance
         # A misfit may scatter an estimate more, but nobody knows less than before the data.
         std = np.sqrt(np.minimum(variance, prior))
         free, fixed = set(self.free.tolist()), set(self.identification.fixed.tolist())

@@ -164,6 +164,15 @@ class Gravity(Term):
             "gravity (a phone: 0.02). The zero error is then estimated. Default: 0, no zero error.",
         ),
     )
+    begun = (
+        "How the sensor lies on its link, to how many degrees. Without it, the zero of the last",
+        "joint before the sensor is not told.",
+        "sensor: {rotation_rpy_deg: [0, 0, 0], prior_deg: 0.5}",
+        "Which link it is on, if that is not the tip's. A sensor on the last link alone shows only",
+        "the sum of the zeros of joints that turn about parallel axes: put it on the links between",
+        "them too, each with a row and files of its own.",
+        "link: LINK",
+    )
     leaves_open: ClassVar[Mapping[Gap, tuple[str, str]]] = {
         "base": (
             "gravity shows no position, and no turn about the vertical",

@@ -94,6 +94,7 @@ class Term(GivenPlaces):
         chance: rough part of an arm's postures in which what is looked at is in sight.
         assumptions_key: what a job's row says for `with_assumptions_estimated`.
         files: what the files that a job names are begun with; each is called as its key.
+        begun: lines of a new job below its row, as comments: keys that few rows need.
         tested: what of an acceptance test after ISO 10360-12 its samples measure.
         leaves_open: by what is left open, why this kind alone cannot tell, and what to do then.
         tells: by what others leave open, how this kind tells it: an advice.
@@ -130,6 +131,7 @@ class Term(GivenPlaces):
     chance: ClassVar[float] = 1.0
     assumptions_key: ClassVar[str] = ""
     files: ClassVar[Mapping[str, str]] = {}
+    begun: ClassVar[Sequence[str]] = ()
     tested: ClassVar[Literal["", "length", "articulation"]] = ""
     leaves_open: ClassVar[Mapping[Gap, tuple[str, str]]] = {}
     tells: ClassVar[Mapping[Gap, str]] = {}

@@ -73,6 +73,7 @@ def assess_calibration(examined: CalibrationExamination) -> Assessment:
             *judge("the gain", lambda: _on_gain(accuracy), failed),
             *(belief.sentence for belief in beliefs),
             *judge("parameters", lambda: _on_parameters(examined), failed),
+            *judge("zeros", lambda: [split.sentence for split in examined.prior_splits], failed),
             *judge("the scale", lambda: _on_guessed_scale(examined), failed),
             *judge("redundancy", lambda: _on_redundancy(examined), failed),
             *([] if first else named),

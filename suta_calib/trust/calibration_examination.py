@@ -33,6 +33,7 @@ from suta_calib.trust.held_out import HeldOutErrors, held_out_errors, widening
 from suta_calib.trust.hypothesis import Finding, strongest_cause
 from suta_calib.trust.in_time import ChangeInTime
 from suta_calib.trust.linearised import LinearModels
+from suta_calib.trust.prior_splits import PriorSplit, prior_splits
 from suta_calib.trust.priors import PriorNotes, judge_priors
 from suta_calib.trust.repeats import LackOfFit, TouchRepeatability, lack_of_fit, touch_repeatability
 from suta_calib.trust.rereading import Rereading, explaining_reading
@@ -156,6 +157,15 @@ class CalibrationExamination(Examination):
         if not solution.converged:
             return ()
         return explain(solution.problem, solution.x, solution.identification)
+
+    @cached_property
+    def prior_splits(self) -> tuple[PriorSplit, ...]:
+        """Zeros of joints that only priors tell apart; empty without convergence."""
+        solution = self.solution
+        if not solution.converged:
+            return ()
+        of = solution.problem, solution.x, solution.covariance, solution.prior_variance
+        return prior_splits(*of)
 
     @cached_property
     def external_poses(self) -> tuple[ExternalPose, ...]:

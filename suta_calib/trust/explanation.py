@@ -41,6 +41,7 @@ from suta_calib.threads import single_threaded
 from suta_calib.trust.rich_data import LEVER, RichData
 from suta_calib.trust.tip_motion import NOISE, TipMotion, placement_groups, tip_motion
 from suta_calib.units import Unit, shown
+from suta_calib.words import enumerated
 
 HeldReason = Literal["redundant", "untold", "badly told"]
 # Part of a direction, relative to the whole, that is rounding.
@@ -105,7 +106,7 @@ class _Case:
         names = [n for n in self.motion.main if n != self.fixed]
         if len(names) > 4:
             return ", ".join([*names[:4], "…"])
-        return " and ".join(filter(None, (", ".join(names[:-1]), *names[-1:])))
+        return enumerated(names)
 
     def says(self, does: str, *advice: Advice) -> Explanation:
         """``does`` follows the fixed parameter, and whatever changes with it."""

@@ -14,7 +14,7 @@ import numpy as np
 from suta_calib import plotting
 from suta_calib.arguments import checked
 from suta_calib.arrays import FloatArray, IntArray
-from suta_calib.assessment import Assessment, judged
+from suta_calib.assessment import Assessment, Level, judged
 from suta_calib.display import Displayable
 from suta_calib.solver.covariance import predicted_covariance, predicted_scale_covariance
 from suta_calib.solver.fitted import Fitted
@@ -25,6 +25,7 @@ from suta_calib.solver.problem import Problem
 from suta_calib.solver.solution import INFORMED, State
 from suta_calib.solver.solve import identify_at
 from suta_calib.trust.explanation import Explanation, explain
+from suta_calib.trust.prior_splits import PriorSplit, prior_splits
 from suta_calib.trust.scale_effects import held_scale
 from suta_calib.units import Unit
 
@@ -121,6 +122,7 @@ class Observability(Displayable):
         indices: O1 to O5 of these singular values.
         notes: which held length carries the scale; a reason for care unless the arm's grade says
             how good it is.
+        splits: zeros of joints that only priors tell apart; a reason for care.
     """
 
     problem: Problem
@@ -135,6 +137,7 @@ class Observability(Displayable):
     singular_values: FloatArray
     indices: Indices
     notes: tuple[str, ...] = ()
+    splits: tuple[PriorSplit, ...] = ()
 
     @property
     def unidentified(self) -> tuple[str, ...]:
@@ -193,7 +196,9 @@ class Observability(Displayable):
         open_ones = len(self.unidentified) > len(self.redundant)
         arm = self.problem.arm
         assumed = bool(self.notes) and (arm is None or not all(arm.grades.values()))
-        return Assessment("care" if open_ones or assumed else "good", self.sentence, self.notes)
+        notes = (*(split.sentence for split in self.splits), *self.notes)
+        level: Level = "care" if open_ones or assumed or self.splits else "good"
+        return Assessment(level, self.sentence, notes)
 
 
 @checked
@@ -224,6 +229,8 @@ def observe(problem: Problem, x: FloatArray | None = None) -> Observability:
     if geometry is not None:
         covariance += geometry.of_estimate @ geometry.of_estimate.T
         held_length = held_scale(problem, geometry)
+    with np.errstate(divide="ignore"):
+        splits = prior_splits(problem, x, covariance, 1.0 / problem.stated_precision())
     prospects = _prospects(problem, covariance, identification, estimated)
     prospects |= {
         e.fixed: replace(prospects[e.fixed], redundant=True, as_drawn=e.as_drawn)
@@ -247,6 +254,7 @@ def observe(problem: Problem, x: FloatArray | None = None) -> Observability:
         singular_values=singular,
         indices=Indices.of(singular, samples),
         notes=() if held_length is None else (held_length.sentence,),
+        splits=splits,
     )
 
 

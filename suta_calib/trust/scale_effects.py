@@ -121,6 +121,8 @@ def held_scale(problem: Problem, held: HeldGeometry | None) -> ScaleEffect | Non
     """The held length that carries the scale; None where observations know lengths."""
     if held is None or problem.arm is None or scale_carriers(problem.terms) or not held.is_scale:
         return None
+    if _shows_no_place(problem):
+        return None
     tip = float(np.linalg.norm(held.tip))
     # The longest has most of the arm's size in it.
     k = int(np.argmax(np.abs(held.nominal)))
@@ -130,10 +132,17 @@ def held_scale(problem: Problem, held: HeldGeometry | None) -> ScaleEffect | Non
     return ScaleEffect(HELD, held.names[k], LengthScale(relative, problem.arm.grade), True, tip)
 
 
+def _shows_no_place(problem: Problem) -> bool:
+    """Whether nothing but directions is observed: no estimate then hangs on a length."""
+    return all(block.unit == "rad" for block in problem.blocks)
+
+
 def held_unseen(solution: Solution) -> str:
     """What no residual shows of held geometry, where that is not the scale; empty if nothing."""
     held = solution.spread.held
     if held is None or not held.matters or held_scale(solution.problem, held):
+        return ""
+    if held.is_scale and _shows_no_place(solution.problem):
         return ""
     tip = text(float(np.linalg.norm(held.tip)), "m", with_unit=True)
     return (

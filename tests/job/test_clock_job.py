@@ -127,6 +127,16 @@ def test_what_cannot_be_is_refused_with_its_line(job: Path) -> None:
     assert "expected a column time, in s, of a moving arm" in said
 
 
+def test_kinds_that_share_a_label_are_told_of_their_clock(job: Path) -> None:
+    gravity = "  - {kind: gravity, samples: felt.csv, time_offset_ms: {bound: 100}}\nvalidation:"
+    changed(job, ("validation:", gravity))
+    text = (job.parent / "fitted.csv").read_text().replace("x,y,z", "ax,ay,az", 1)
+    (job.parent / "felt.csv").write_text(text)
+    said = refused("calibrate", job)
+    assert "time_offset[default] of tracked_point and of gravity" in said
+    assert "give the row of one of the two another label: a label stands for one clock" in said
+
+
 def test_a_time_offset_beyond_its_bound_is_told(job: Path) -> None:
     changed(job, ("{bound: 100}", "{bound: 5}"))
     _, out, _ = spoken("calibrate", job)

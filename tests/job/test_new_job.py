@@ -275,6 +275,17 @@ def test_the_rough_place_of_a_sheet_can_be_uncommented(tmp_path: Path) -> None:
     assert [prior[f"placement[table].{key}"] for key in POSITION] == pytest.approx([2e-3] * 3)
 
 
+def test_where_a_sensor_sits_can_be_uncommented(tmp_path: Path, suta_urdf: Path) -> None:
+    arm = ArmModel.from_urdf(suta_urdf, "tip")
+    files = new_job(arm, tmp_path, kinds=("gravity",))
+    write_job(files)
+    job, link = files[0], [*arm.links][2]
+    on = job.text.replace("# link: LINK", f"link: {link}").replace("# sensor", "sensor")
+    job.path.write_text(on)
+    (row,) = read_job(job.path).observations
+    assert (row.link, row.settings["sensor"].std) == (link, pytest.approx(from_deg(0.5)))
+
+
 @pytest.fixture
 def torso(tmp_path: Path) -> Path:
     """A URDF with two arms."""

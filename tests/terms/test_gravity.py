@@ -12,7 +12,15 @@ import pytest
 import yaml
 from cli_job import cli, spoken
 
-from suta_calib import ArmModel, Gravity, Selection, SensorMount, UpDirection, calibrate
+from suta_calib import (
+    ArmModel,
+    Gravity,
+    Selection,
+    SensorMount,
+    UpDirection,
+    calibrate,
+    observe,
+)
 from suta_calib.errors import SamplesError, SutaCalibWarning
 from suta_calib.geometry.numbers import rotation_from_rpy, rotation_from_vector
 from suta_calib.job.calibration import CalibrationJob
@@ -84,6 +92,39 @@ def test_parallel_joints_show_only_their_sum_until_a_sensor_sits_between_them() 
     )
 
 
+def test_zeros_that_only_priors_split_are_named_with_what_to_do() -> None:
+    arm = ArmModel.from_urdf(urdf(AXES["parallel"]), tip="tip")
+    free = Selection(("*.offset",), prior_rad=math.radians(3), fixed=True)
+    known = SensorMount(np.eye(3))
+    q, truth, up = felt(arm, np.random.default_rng(0), 30)
+    hand = Gravity.from_arrays(arm, q, sensor=known, **up)
+    result = calibrate(arm, [hand], free=free)
+    (split,) = result.examined.prior_splits
+    assert split.names == ("j2.offset", "j3.offset", "j4.offset")
+    assert split.links == ("l2", "l3")
+    # Of three alike, a part of two thirds of the variance is not told.
+    np.testing.assert_allclose(np.degrees(split.stds), 3.0 * math.sqrt(2.0 / 3.0), rtol=0.02)
+    steps = {
+        name: np.degrees(result.estimates[name].value - true)
+        for name, true in truth.items()
+        if name in split.names
+    }
+    assert abs(sum(steps.values())) < 0.5 < max(map(abs, steps.values()))
+    assert result.assessment.level == "care"
+    said = " ".join(result.assessment.notes)
+    assert "tell only the sum of j2.offset, j3.offset and j4.offset" in said
+    assert "comes from its prior (±2.4 deg)" in said
+    assert "links l2 and l3 too: for each, add a row of kind gravity with its name" in said
+    # What is not split is not said, whatever its prior.
+    crossed = ArmModel.from_urdf(urdf(AXES["crossed"]), tip="tip")
+    q, _, up = felt(crossed, np.random.default_rng(0), 30)
+    told = calibrate(crossed, [Gravity.from_arrays(crossed, q, sensor=known, **up)], free=free)
+    assert told.estimates["j1.offset"].state == "prior"
+    assert told.examined.prior_splits == ()
+    assert observe(told.solution.problem).splits == ()
+    assert observe(result.solution.problem).assessment.level == "care"
+
+
 def job(folder: Path, rows: str, arm: str = "{urdf: arm.urdf, tip: tip}") -> Path:
     path = folder / "job.yaml"
     path.write_text(
@@ -124,6 +165,8 @@ def test_a_sensor_on_another_link_is_a_row_with_link(tmp_path: Path) -> None:
         assert estimate.std is not None
         assert abs(estimate.value - math.radians(true["value_deg"])) < 4 * estimate.std
         assert math.degrees(estimate.std) < 0.15
+    # Of directions no length is an unknown, and none is asked for.
+    assert not any("measures a length" in note for note in result.assessment.notes)
     assert set(result.solution.values) > {"sensor[l2].rx", "sensor[l3].rz", "sensor[tip].ry"}
     path.write_text(path.read_text(encoding="utf-8").replace("link: l2", "link: l22"), "utf-8")
     code, _, said = spoken("calibrate", path)
