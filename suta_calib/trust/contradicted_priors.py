@@ -38,7 +38,7 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from scipy.special import fdtrc
+from scipy.special import chdtrc, fdtrc
 
 from suta_calib.arrays import FloatArray, IntArray
 from suta_calib.errors import SutaCalibError
@@ -124,6 +124,9 @@ def contradicted_beliefs(solution: Solution) -> Iterator[ContradictedBelief]:
             continue
         change, covariance = change[loose], covariance[np.ix_(loose, loose)]
         squared = float(change @ np.linalg.solve(covariance, change))
+        # Fewer degrees of freedom only make a change likelier, and take long to count.
+        if chdtrc(len(parameters), squared) >= LEVEL:
+            continue
         if chance_of(squared, len(parameters), freedom_of(again, np.array(at)[loose])) < LEVEL:
             values = [p.nominal + step for p, step in zip(parameters, change.tolist(), strict=True)]
             stds = np.sqrt(np.diag(covariance)).tolist()
