@@ -7,17 +7,16 @@ import pytest
 
 cv2 = pytest.importorskip("cv2")
 
+from lens_scenes import BOARD, SIZE, before, camera, corners_seen, each_camera  # noqa: E402
+
 from suta_calib.arrays import FloatArray  # noqa: E402
-from suta_calib.geometry.lens import EQUIDISTANT, LENSES, PLUMB_BOB, RATIONAL, Lens  # noqa: E402
+from suta_calib.geometry.lens import EQUIDISTANT, LENSES  # noqa: E402
 from suta_calib.geometry.lens_slopes import pixel_slopes  # noqa: E402
 from suta_calib.geometry.numbers import (  # noqa: E402
-    rotation_from_vector,
     skew,
-    vector_turning_z_to,
 )
-from suta_calib.measurements import Camera, Charuco, Chessboard  # noqa: E402
+from suta_calib.measurements import Charuco  # noqa: E402
 from suta_calib.measurements.board import Board  # noqa: E402
-from suta_calib.measurements.corners import Corners, corners_of  # noqa: E402
 from suta_calib.vision import RenderOptions, rendered  # noqa: E402
 from suta_calib.vision.camera_fit import (  # noqa: E402
     CameraFitOptions,
@@ -26,62 +25,6 @@ from suta_calib.vision.camera_fit import (  # noqa: E402
 )
 from suta_calib.vision.detection import finder_of  # noqa: E402
 from suta_calib.vision.projection_uncertainty import projection_std  # noqa: E402
-
-BOARD = Chessboard(9, 6, 0.03)
-SIZE = (1280, 960)
-# A usual lens; the colour camera of a depth camera, which has all eight numbers; a lens that is
-# 100° wide, and one of 190°.
-TRUE: dict[str, tuple[Lens, list[float]]] = {
-    "plumb_bob": (PLUMB_BOB, [900, 905, 640, 480, -0.25, 0.08, 1e-3, -2e-3, 0.01]),
-    "rational_polynomial": (
-        RATIONAL,
-        [610, 610, 640, 480, 0.45, -2.5, 5e-4, -3e-4, 1.45, 0.33, -2.33, 1.38],
-    ),
-    "equidistant": (EQUIDISTANT, [700, 702, 640, 480, 0.02, -0.01, 0.003, -0.0005]),
-    "fisheye of 190 deg": (EQUIDISTANT, [390, 392, 640, 480, -0.02, 0.003, -0.001, 0.0001]),
-}
-each_camera = pytest.mark.parametrize("name", TRUE)
-
-
-def camera(name: str) -> Camera:
-    lens, values = TRUE[name]
-    return Camera(*SIZE, np.array(values, dtype=float), lens=lens)
-
-
-def before(
-    taken_by: Camera, board: Board, rng: np.random.Generator, room: int, tilt: float
-) -> FloatArray:
-    """``T_camera_board`` (4, 4) of a board that faces the camera anywhere in its picture."""
-    pixel = rng.uniform([room, room], np.array(SIZE) - room)
-    ahead = taken_by.directions(pixel)
-    pose = np.eye(4)
-    turn = rotation_from_vector(tilt * rng.uniform(-1, 1, 3))
-    pose[:3, :3] = rotation_from_vector(vector_turning_z_to(ahead)) @ turn
-    middle = np.mean(list(board.points.values()), axis=0)
-    pose[:3, 3] = rng.uniform(0.25, 0.5) * ahead - pose[:3, :3] @ middle
-    return pose
-
-
-def corners_seen(taken_by: Camera, seed: int, pictures: int = 20, sigma: float = 0.1) -> Corners:
-    """Corners with normal errors, px, of boards that are mostly in the picture."""
-    rng, points = np.random.default_rng(seed), np.array(list(BOARD.points.values()))
-    numbers, images, number, pixels = np.array([*BOARD.points]), list[str](), [], []
-    while len(pixels) < pictures:
-        pose = before(taken_by, BOARD, rng, 150, 0.7)
-        there = points @ pose[:3, :3].T + pose[:3, 3]
-        if not taken_by.lens.ahead(there).all():
-            continue
-        pixel = taken_by.project(there)
-        unit = there / np.linalg.norm(there, axis=1, keepdims=True)
-        # Not what a polynomial folds back into the picture.
-        seen = taken_by.inside(pixel)
-        seen &= np.abs(taken_by.directions(pixel) - unit).max(axis=1) < 1e-3
-        if seen.sum() < 30:
-            continue
-        images += [f"{len(pixels):02d}.png"] * int(seen.sum())
-        number.append(numbers[seen])
-        pixels.append(pixel[seen] + sigma * rng.standard_normal((int(seen.sum()), 2)))
-    return corners_of(np.array(images), np.concatenate(number), np.concatenate(pixels))
 
 
 def chosen(name: str, seeds: range) -> tuple[int, FloatArray]:

@@ -1,0 +1,126 @@
+"""Cameras of every lens, and what they see of a board."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pytest
+from camera_scenes import X, Z
+
+from suta_calib.arrays import FloatArray
+from suta_calib.geometry.lens import EQUIDISTANT, PLUMB_BOB, RATIONAL, Lens
+from suta_calib.geometry.numbers import rotation_from_vector, vector_turning_z_to
+from suta_calib.measurements import Camera, Chessboard
+from suta_calib.measurements.board import Board
+from suta_calib.measurements.corners import Corners, corners_of
+from suta_calib.measurements.pose_files import HandPoses
+from suta_calib.pose_calibration.pictures import View
+
+BOARD = Chessboard(9, 6, 0.03)
+SIZE = (1280, 960)
+# A usual lens; the colour camera of a depth camera, which has all eight numbers; a lens that is
+# 100° wide, and one of 190°.
+TRUE: dict[str, tuple[Lens, list[float]]] = {
+    "plumb_bob": (PLUMB_BOB, [900, 905, 640, 480, -0.25, 0.08, 1e-3, -2e-3, 0.01]),
+    "rational_polynomial": (
+        RATIONAL,
+        [610, 610, 640, 480, 0.45, -2.5, 5e-4, -3e-4, 1.45, 0.33, -2.33, 1.38],
+    ),
+    "equidistant": (EQUIDISTANT, [700, 702, 640, 480, 0.02, -0.01, 0.003, -0.0005]),
+    "fisheye of 190 deg": (EQUIDISTANT, [390, 392, 640, 480, -0.02, 0.003, -0.001, 0.0001]),
+}
+each_camera = pytest.mark.parametrize("name", TRUE)
+
+
+def camera(name: str) -> Camera:
+    lens, values = TRUE[name]
+    return Camera(*SIZE, np.array(values, dtype=float), lens=lens)
+
+
+def before(
+    taken_by: Camera, board: Board, rng: np.random.Generator, room: int, tilt: float
+) -> FloatArray:
+    """``T_camera_board`` (4, 4) of a board that faces the camera anywhere in its picture."""
+    pixel = rng.uniform([room, room], np.array(SIZE) - room)
+    ahead = taken_by.directions(pixel)
+    pose = np.eye(4)
+    turn = rotation_from_vector(tilt * rng.uniform(-1, 1, 3))
+    pose[:3, :3] = rotation_from_vector(vector_turning_z_to(ahead)) @ turn
+    middle = np.mean(list(board.points.values()), axis=0)
+    pose[:3, 3] = rng.uniform(0.25, 0.5) * ahead - pose[:3, :3] @ middle
+    return pose
+
+
+@dataclass(frozen=True, eq=False)
+class Seen:
+    """Boards before a camera: ``T_camera_board`` (n, 4, 4), and the corners in its pictures."""
+
+    poses: FloatArray
+    corners: Corners
+
+
+def boards_seen(
+    taken_by: Camera, seed: int, pictures: int = 20, sigma: float = 0.1, roll: float = 0.0
+) -> Seen:
+    """Boards that are mostly in the picture, their corners with normal errors, px.
+
+    Args:
+        taken_by: the camera.
+        seed: of the boards and of the errors.
+        pictures: how many there are.
+        sigma: standard deviation of a corner, px.
+        roll: largest turn of the camera about its axis, rad.
+    """
+    rng, points = np.random.default_rng(seed), np.array(list(BOARD.points.values()))
+    numbers, images, number = np.array([*BOARD.points]), list[str](), []
+    pixels, poses = list[FloatArray](), list[FloatArray]()
+    while len(pixels) < pictures:
+        pose = before(taken_by, BOARD, rng, 150, 0.7)
+        if roll:
+            turn = rotation_from_vector([0.0, 0.0, rng.uniform(-roll, roll)])
+            pose[:3] = turn @ pose[:3]
+        there = points @ pose[:3, :3].T + pose[:3, 3]
+        if not taken_by.lens.ahead(there).all():
+            continue
+        pixel = taken_by.project(there)
+        unit = there / np.linalg.norm(there, axis=1, keepdims=True)
+        # Not what a polynomial folds back into the picture, nor what noise puts beside it.
+        seen = taken_by.inside(pixel)
+        seen &= np.abs(taken_by.directions(pixel) - unit).max(axis=1) < 1e-3
+        if seen.sum() < 30:
+            continue
+        measured = pixel[seen] + sigma * rng.standard_normal((int(seen.sum()), 2))
+        images += [f"{len(pixels):02d}.png"] * int(seen.sum())
+        number.append(numbers[seen])
+        pixels.append(measured)
+        poses.append(pose)
+    corners = corners_of(np.array(images), np.concatenate(number), np.concatenate(pixels))
+    return Seen(np.array(poses), corners)
+
+
+def corners_seen(taken_by: Camera, seed: int, pictures: int = 20, sigma: float = 0.1) -> Corners:
+    """Corners with normal errors, px, of boards that are mostly in the picture."""
+    return boards_seen(taken_by, seed, pictures, sigma).corners
+
+
+def on_a_hand(
+    taken_by: Camera, seed: int, robot: tuple[float, float] = (3e-4, 5e-4)
+) -> tuple[HandPoses, View]:
+    """Such a camera on the hand of a robot whose poses err by so much, m and rad."""
+    seen = boards_seen(taken_by, seed, 16, roll=1.2)
+    inside = taken_by.inside(seen.corners.pixel)
+    rng = np.random.default_rng([seed, 5])
+    eye, board = np.eye(4), np.eye(4)
+    eye[:3, :3], eye[:3, 3] = X
+    board[:3, :3], board[:3, 3] = Z
+    hand = board @ np.linalg.inv(eye @ seen.poses)
+    turned = rotation_from_vector(robot[1] * rng.standard_normal((len(hand), 3)))
+    position = hand[:, :3, 3] + robot[0] * rng.standard_normal((len(hand), 3))
+    images = np.array([f"{k:02d}.png" for k in range(len(hand))])
+    lines = tuple(range(2, len(hand) + 2))
+    poses = HandPoses(
+        pose=(hand[:, :3, :3] @ turned, position), image=images, path=Path("poses.csv"), lines=lines
+    )
+    return poses, View("default", seen.corners.take(inside), BOARD, taken_by)
