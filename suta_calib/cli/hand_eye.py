@@ -10,6 +10,7 @@ import click
 from suta_calib.cli._formats import read_poses
 from suta_calib.cli._options import PATH, option, pose_options, scale_option
 from suta_calib.cli._output import LateProgress, answer_command
+from suta_calib.geometry.lens import LENSES
 from suta_calib.measurements import read_board, read_camera, read_corners
 from suta_calib.measurements.pose_files import read_hand_poses, read_pose_pairs
 from suta_calib.pose_calibration import hand_eye_from_pairs
@@ -20,6 +21,7 @@ from suta_calib.report.hand_eye import hand_eye_document
 from suta_calib.report.pictures import picture_document
 
 if TYPE_CHECKING:
+    from suta_calib.geometry.lens import Lens
     from suta_calib.measurements import Camera
     from suta_calib.pose_calibration.eye_poses import Model
     from suta_calib.pose_calibration.pictures import Intrinsics, View
@@ -50,6 +52,12 @@ if TYPE_CHECKING:
     "--camera", "File of the camera, in the order of --corners; default: none.", PATH, multiple=True
 )
 @option(
+    "--lens MODEL",
+    "Model of the lens without --camera: plumb_bob, rational_polynomial or equidistant (fisheye); "
+    "default: the model that predicts left-out pictures best.",
+    click.Choice([*LENSES]),
+)
+@option(
     "--intrinsics",
     "Whether the camera's file is used as it is, or corrected by the pictures.",
     click.Choice(["fixed", "free"]),
@@ -64,6 +72,7 @@ def hand_eye(
     corners: tuple[Path, ...],
     board: tuple[Path, ...],
     camera: tuple[Path, ...],
+    lens: str | None,
     intrinsics: Intrinsics,
     scale_ppm: float,
     plain: bool,
@@ -79,14 +88,14 @@ def hand_eye(
     With --corners and --board the pictures replace the b_ columns: POSES.csv then contains the name
     of the picture taken at each pose (image). The reprojection errors are minimised, which is more
     accurate and also corrects the camera; --out then writes camera.yaml too. Without --camera the
-    intrinsics are found from the pictures alone. --scale-ppm applies to the b_ columns: use 5000
-    for a printed target that was not measured.
+    intrinsics are found from the pictures alone, and so is the model of the lens (or give --lens).
+    --scale-ppm applies to the b_ columns: use 5000 for a printed target that was not measured.
     """
-    _check(corners, board, camera, intrinsics)
+    _check(corners, board, camera, intrinsics, lens)
     if corners:
         hand, views = (
             read_hand_poses(read_poses(poses, setup=setup)),
-            _views(corners, board, camera),
+            _views(corners, board, camera, LENSES[lens] if lens else None),
         )
         with LateProgress("calibrating"):
             pictured = hand_eye_from_pictures(
@@ -114,12 +123,16 @@ def hand_eye(
 
 
 def _check(
-    corners: tuple[Path, ...], board: tuple[Path, ...], camera: tuple[Path, ...], intrinsics: str
+    corners: tuple[Path, ...],
+    board: tuple[Path, ...],
+    camera: tuple[Path, ...],
+    intrinsics: str,
+    lens: str | None,
 ) -> None:
     """Which options go together."""
     if not corners:
-        if board or camera or intrinsics == "fixed":
-            raise click.UsageError("--board, --camera and --intrinsics need --corners")
+        if board or camera or lens or intrinsics == "fixed":
+            raise click.UsageError("--board, --camera, --lens and --intrinsics need --corners")
         return
     if not board:
         raise click.UsageError("--corners needs --board, the file of the board in the pictures")
@@ -131,12 +144,14 @@ def _check(
         raise click.UsageError(
             f"{len(camera)} --camera for {len(corners)} --corners: give none, or one for each"
         )
+    if lens and camera:
+        raise click.UsageError("--camera names its lens: give either --camera or --lens, not both")
     if intrinsics == "fixed" and not camera:
         raise click.UsageError("--intrinsics fixed needs --camera, the file that is used")
 
 
 def _views(
-    corners: tuple[Path, ...], board: tuple[Path, ...], camera: tuple[Path, ...]
+    corners: tuple[Path, ...], board: tuple[Path, ...], camera: tuple[Path, ...], lens: Lens | None
 ) -> list[View]:
     """What every camera saw; cameras and boards are called as their files, or numbered."""
     boards = [read_board(file) for file in board] * (len(corners) if len(board) == 1 else 1)
@@ -153,6 +168,7 @@ def _views(
             boards[k],
             cameras[k],
             "default" if len(targets) == 1 else targets[of_board[k]],
+            lens,
         )
         for k, (file, stem) in enumerate(zip(corners, stems, strict=True))
     ]

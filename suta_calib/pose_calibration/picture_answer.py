@@ -25,6 +25,7 @@ from suta_calib.solver.weights import Learned
 from suta_calib.terms.board_pictures import MIRRORED, QUOTED, TURNED
 from suta_calib.terms.hand_eye_start import EYE_IN_HAND, EyeSetup
 from suta_calib.terms.intrinsics import CALIBRATED
+from suta_calib.terms.lens_choice import LensChoice
 from suta_calib.units import deg, mm
 from suta_calib.words import listed
 
@@ -73,6 +74,7 @@ class CameraEstimate(EyePoses):
             hand's motions tell.
         other_size: what in the camera's file denies the size of picture that it says, in a
             sentence, or empty.
+        lens_choice: how the model of the lens was chosen, where no file says it.
         turned: pictures that were left out and agree with the others once the ``board`` or the
             ``picture`` is turned by half a turn.
     """
@@ -98,6 +100,7 @@ class CameraEstimate(EyePoses):
     behind: bool
     board_size: Learned
     other_size: str
+    lens_choice: LensChoice | None
     turned: Mapping[str, tuple[str, ...]]
 
     @property
@@ -189,6 +192,8 @@ class PictureCalibration:
             more_bad, more_care = _judged(camera, self.noise)
             bad += [which + sentence for sentence in more_bad]
             care += [which + sentence for sentence in more_care]
+            if camera.lens_choice is not None:
+                facts.append(which + camera.lens_choice.sentence)
             objection, level = _against_the_file(camera)
             if objection:
                 (care if level == "care" else facts).append(which + objection)

@@ -13,7 +13,6 @@ from suta_calib.pose_calibration.hand_eye import HandEyeCalibration, calibrate_h
 from suta_calib.pose_calibration.hand_eye_causes import SUSPICIOUS, TURNED
 from suta_calib.pose_calibration.robust_answer import MANY_OUTLIERS
 from suta_calib.terms import CameraView
-from suta_calib.terms.camera_alone import camera_alone
 from suta_calib.terms.hand_eye_start import (
     EyeSetup,
     Poses,
@@ -21,6 +20,7 @@ from suta_calib.terms.hand_eye_start import (
     quaternion_hand_eye,
     some_poses,
 )
+from suta_calib.terms.lens_choice import camera_alone
 
 
 def cause_of_disagreement(
@@ -47,7 +47,7 @@ def cause_of_disagreement(
     if given is None:
         return "", ""
     try:
-        estimated = camera_alone(corners, term.board)
+        estimated, _ = camera_alone(corners, term.board, given.lens)
     except InputError:
         return "", ""
         return "", ""

@@ -15,7 +15,7 @@ from scipy.special import chdtri
 
 from suta_calib.arrays import BoolArray, FloatArray
 from suta_calib.errors import SamplesError
-from suta_calib.geometry.lens import CENTRE, FOCAL
+from suta_calib.geometry.lens import CENTRE, FOCAL, Lens
 from suta_calib.geometry.numbers import (
     homogeneous,
     rms_length,
@@ -73,6 +73,7 @@ class View:
         board: that it saw.
         camera: as it was calibrated; None where nobody did.
         target: label of the board.
+        lens: model of the camera's lens, where no file says it; chosen by the pictures by default.
     """
 
     label: str
@@ -80,6 +81,7 @@ class View:
     board: Board
     camera: Camera | None = None
     target: str = "default"
+    lens: Lens | None = None
 
 
 def hand_eye_from_pictures(
@@ -194,6 +196,7 @@ def _term(hand: HandPoses, view: View, setup: EyeSetup, intrinsics: Intrinsics) 
         view.corners,
         view.board,
         view.camera,
+        view.lens,
         setup=setup,
         free=intrinsics == "free",
         label=view.label,
@@ -342,6 +345,7 @@ def _camera_estimate(
         behind=refined.pictures.behind,
         board_size=size,
         other_size=other_size(term.pictures),
+        lens_choice=term.lens_choice,
         turned={what: tuple(images[those & ~good].tolist()) for what, those in upside_down.items()},
     )
 

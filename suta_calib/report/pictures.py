@@ -242,7 +242,11 @@ def _camera_record(camera: CameraEstimate) -> Json:
     std = none if stds is None else stds.tolist()
     return {
         **dict(zip((*FOCAL, *CENTRE), values[:4].tolist(), strict=True)),
+        "distortion_model": camera.camera.lens.name,
         "distortion": values[4:].tolist(),
+        "lens_left_out_rms_px": None
+        if camera.lens_choice is None
+        else dict(camera.lens_choice.left_out),
         "std": {
             **dict(zip((*FOCAL, *CENTRE), std[:4], strict=True)),
             "distortion": list(std[4:]),

@@ -1,8 +1,9 @@
-"""A camera from pictures of a board alone, with the distortion of its lens.
+"""The bundle adjustment of pictures of a board: a camera, and where it has the board in each.
 
-From the closed form, which knows of no distortion, the reprojection errors of all pictures are
-minimised, each with a pose of the board of its own (Zhang 2000, doi:10.1109/34.888718, 3.2 and
-3.3), by Levenberg and Marquardt. A lens that bends much leaves poses that no hand agrees with.
+From a start such as the closed form, which knows of no distortion, the reprojection errors of all
+pictures are minimised, each with a pose of the board of its own (Zhang 2000,
+doi:10.1109/34.888718, 3.2 and 3.3), by Levenberg and Marquardt. A lens that bends much leaves poses
+that no hand agrees with.
 """
 
 from __future__ import annotations
@@ -16,8 +17,7 @@ from suta_calib.geometry.lens import Lens
 from suta_calib.geometry.lens_slopes import pixel_slopes
 from suta_calib.geometry.numbers import rotation_from_vector, skew
 from suta_calib.measurements import Board, Camera, Corners
-from suta_calib.terms.camera_start import closed_form_camera, poses_in_camera
-from suta_calib.terms.intrinsics import UNCALIBRATED
+from suta_calib.terms.camera_start import poses_in_camera
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,21 +82,6 @@ class PicturesSeen:
         by_pose = np.concatenate([by_place, -by_place @ skew(turned)], axis=-1)
         shown = self.there[..., None, None]
         return np.where(shown, by_camera, 0.0), np.where(shown, by_pose, 0.0)
-
-
-def camera_alone(corners: Corners, board: Board) -> Camera:
-    """A camera as its pictures of a flat board show it.
-
-    Its picture is taken to end where the corners do: its real size is in none of them. What the
-    pictures hardly tell of a lens stays near none.
-
-    Raises:
-        BoardError: one that is not flat.
-        SamplesError: corners of another board, or pictures that do not tell the focal length.
-    """
-    start = closed_form_camera(corners, board)
-    pictures, state, _ = seen_by(start, corners, board)
-    return replace(start, intrinsics=refined(pictures, state, UNCALIBRATED.stds(start)).intrinsics)
 
 
 def seen_by(

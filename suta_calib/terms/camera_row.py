@@ -11,12 +11,28 @@ import numpy as np
 from numpy.typing import NDArray
 
 from suta_calib.errors import SamplesError, SutaCalibWarning
+from suta_calib.geometry.lens import LENSES, Lens, lens_called
 from suta_calib.measurements import Board, Corners, YamlSection, read_board, read_camera
 from suta_calib.measurements.fields import FILE, TEXT, Field, Fields, Value, choice, quantity
 from suta_calib.terms.block import Noise
 from suta_calib.terms.hand_eye_start import EYE_IN_HAND, EYE_TO_HAND
 from suta_calib.terms.poses import PoseSource
 from suta_calib.words import listed
+
+
+def lens_named(row: YamlSection, key: str) -> Lens:
+    """The model of a lens, by one of its names.
+
+    Raises:
+        InputError: none has this name.
+    """
+    lens = lens_called(name := row.text(key))
+    if lens is None or not name:
+        raise row.refuse(
+            repr(name), f"one of {listed([*LENSES])} (fisheye: equidistant)", at=(key,)
+        )
+    return lens
+
 
 CAMERA_KEYS: Final = (
     Field("corners", FILE, "Corners in the pictures: corners.csv.", True),
@@ -30,6 +46,13 @@ CAMERA_KEYS: Final = (
         "camera",
         Value("file", lambda row, key: read_camera(row.existing_file(key))),
         "The camera.yaml; without it the camera is estimated from the pictures alone.",
+    ),
+    Field(
+        "lens",
+        Value("text", lens_named),
+        "Model of the lens, without camera: "
+        + ", ".join(" or ".join(filter(None, (n.name, *n.also[:1]))) for n in LENSES.values())
+        + "; by default the one that predicts left-out pictures best.",
     ),
     Field(
         "setup",
@@ -73,6 +96,10 @@ def read_camera_row(row: YamlSection) -> dict[str, Any]:
     if not settings["free"] and "camera" not in row:
         hint = "name the camera's file, or set intrinsics: free"
         raise row.refuse("no camera for intrinsics: fixed", at=("camera",), hint=hint)
+    if "lens" in settings and "camera" in row:
+        raise row.refuse(
+            "lens beside camera", "one of them: the file of the camera names its lens", at=("lens",)
+        )
     sigma, huber = settings.pop("sigma", None), settings.pop("huber", np.inf)
     fixed = sigma is not None and row.flag("fixed")
     settings["noise"] = Noise(sigma, huber, fixed)

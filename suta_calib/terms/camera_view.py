@@ -14,7 +14,7 @@ import numpy as np
 from suta_calib.arrays import FloatArray, IntArray
 from suta_calib.assessment import Level
 from suta_calib.errors import SamplesError, SutaCalibWarning
-from suta_calib.geometry.lens import CENTRE, FOCAL
+from suta_calib.geometry.lens import CENTRE, FOCAL, Lens
 from suta_calib.measurements import (
     Board,
     Camera,
@@ -31,7 +31,6 @@ from suta_calib.model.parameters import PLACEMENT, End, Parameter
 from suta_calib.terms.block import LEARNT, Block, Noise
 from suta_calib.terms.board_pictures import BoardPictures
 from suta_calib.terms.board_sight import BoardSight, OnePoint
-from suta_calib.terms.camera_alone import camera_alone
 from suta_calib.terms.camera_row import CAMERA_FILES, CAMERA_KEYS, read_camera_row, with_corners
 from suta_calib.terms.camera_start import PLANAR
 from suta_calib.terms.external_frame import (
@@ -55,6 +54,7 @@ from suta_calib.terms.hand_eye_start import (
 from suta_calib.terms.instrument_terms import FramedTerm
 from suta_calib.terms.intrinsics import UNCALIBRATED, camera_at, intrinsic_parameters, prior_beside
 from suta_calib.terms.length_scale import stretch_factors, stretch_parameters
+from suta_calib.terms.lens_choice import LensChoice, camera_alone
 from suta_calib.terms.line_delay import LINE_DELAY, LineDelay, rolled
 from suta_calib.terms.misread_pictures import check_files, doubts, otherwise_read
 from suta_calib.terms.observed import Observed, Resimulation, TrueFrame
@@ -91,6 +91,7 @@ class CameraView(FramedTerm):
         label: terms with the same label share the camera.
         target: terms with the same one share the board.
         prior: of the intrinsics (n,), standard deviations.
+        lens_choice: how the model of the lens was chosen, where no file says it.
         line_delay: how long a row of the picture takes, of a camera with a rolling shutter; None
             where all rows are of one moment.
 
@@ -148,6 +149,7 @@ class CameraView(FramedTerm):
     target: str = "default"
     prior: FloatArray | None = None
     line_delay: LineDelay | None = None
+    lens_choice: LensChoice | None = None
 
     @property
     def of_clock(self) -> tuple[Parameter, ...]:
@@ -206,6 +208,7 @@ class CameraView(FramedTerm):
         corners: Corners,
         board: Board,
         camera: Camera | None = None,
+        lens: Lens | None = None,
         **more: Any,
     ) -> Self:
         """Over the poses of pictures in which corners were found, the board numbered from one end.
@@ -215,6 +218,7 @@ class CameraView(FramedTerm):
             corners: of any pictures.
             board: whose points they are.
             camera: that saw it; without one it is found from the corners.
+            lens: its model, where no camera is given; by default that which predicts best.
             more: attributes.
 
         Raises:
@@ -226,7 +230,7 @@ class CameraView(FramedTerm):
             warnings.warn(f"{corners.path or 'corners'}: {turned}", SutaCalibWarning, stacklevel=2)
         poses, prior = with_corners(poses, corners, board), None
         if camera is None:
-            camera = camera_alone(corners, board)
+            camera, more["lens_choice"] = camera_alone(corners, board, lens)
             prior = UNCALIBRATED.stds(camera)
         elif camera.corners:
             prior = prior_beside(camera, corners)
@@ -240,13 +244,19 @@ class CameraView(FramedTerm):
     @property
     def settings(self) -> Mapping[str, Any]:
         """Board, camera and where it is."""
-        names = ("board", "camera", "setup", "free", "pixel", "target", "prior", "line_delay")
-        return {name: getattr(self, name) for name in names}
+        names = ("board", "camera", "setup", "free", "pixel", "target", "prior")
+        more = ("line_delay", "lens_choice")
+        return {name: getattr(self, name) for name in (*names, *more)}
 
     @property
     def board_seen(self) -> Board | None:
         """The board, once there are pictures of it."""
         return None if self.poses.samples.pixels is None else self.board
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """Which lens the pictures were taken with, where no file says it."""
+        return () if self.lens_choice is None else (self.lens_choice.sentence,)
 
     def at_its_distance(self, noise: Noise | None = None, pixel: float | None = None) -> Self:
         """The same with the length that a pixel covers, and with a noise in px.
@@ -274,7 +284,8 @@ class CameraView(FramedTerm):
         """The same where other rows see its board, or share its camera.
 
         A board that looks the same after half a turn is numbered from one end in all of them; and
-        corners that their camera was calibrated from are counted once, whichever row has them.
+        corners that their camera was calibrated from are counted once, whichever row has them. A
+        camera without a file has one lens in all rows.
         """
         views = [other for other in terms if isinstance(other, CameraView)]
         once = (
@@ -285,6 +296,9 @@ class CameraView(FramedTerm):
             and other.prior is not None
         )
         term = replace(self, prior=next(once, None)) if self.prior is None else self
+        shared = next((o for o in views if o.owners[2] == self.owners[2]), self)
+        if self.lens_choice is not None and shared.camera.lens is not self.camera.lens:
+            term = replace(term, camera=shared.camera, prior=shared.prior, lens_choice=None)
         shutters = (o.line_delay for o in views if o.owners[2] == self.owners[2] and o.line_delay)
         if term.line_delay is None and term.time_offset is not None:
             term = replace(term, line_delay=next(shutters, None))

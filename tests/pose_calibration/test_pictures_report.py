@@ -63,6 +63,11 @@ def test_the_screen_says_what_counts(
             ["--corners", "c.csv", "--corners", "d.csv", "--board", "b", "--camera", "k"],
             "1 --camera for 2 --corners",
         ),
+        (["--lens", "equidistant"], "need --corners"),
+        (
+            ["--corners", "c.csv", "--board", "b.yaml", "--camera", "k", "--lens", "plumb_bob"],
+            "give either --camera or --lens",
+        ),
         (["--corners", "c.csv", "--board", "b.yaml"], "found no such file"),
     ],
 )

@@ -11,7 +11,8 @@ from camera_scenes import BOARD, LENS, X, pictures
 from suta_calib.geometry.lens import PLUMB_BOB
 from suta_calib.geometry.numbers import rotation_from_vector
 from suta_calib.pose_calibration.pictures import hand_eye_from_pictures
-from suta_calib.terms.camera_alone import PicturesSeen, State, camera_alone
+from suta_calib.terms.camera_alone import PicturesSeen, State
+from suta_calib.terms.lens_choice import camera_alone
 
 # Of a wide lens: straight lines become curves of many pixels.
 WIDE = np.array([640.0, 642.0, 635.0, 482.0, -0.31, 0.11, 5e-4, -4e-4, -0.015])
@@ -45,7 +46,7 @@ def test_slopes_are_differences() -> None:
 @pytest.mark.parametrize("lens", [LENS, WIDE], ids=["usual", "wide"])
 def test_without_noise_the_camera_is_found(lens: np.ndarray) -> None:
     (view,) = pictures(12, given=None, lens=lens).views
-    found = camera_alone(view.corners, BOARD).intrinsics
+    found = camera_alone(view.corners, BOARD)[0].intrinsics
     assert found[:4] == pytest.approx(lens[:4], abs=0.02)
     assert found[4:] == pytest.approx(lens[4:], abs=2e-3)
 
@@ -54,7 +55,7 @@ def test_a_wrong_corner_pulls_no_harder_than_others() -> None:
     (view,) = pictures(12, given=None, pixel=0.05).views
     pixel = view.corners.pixel.copy()
     pixel[100] += 60.0
-    found = camera_alone(replace(view.corners, pixel=pixel), BOARD).intrinsics
+    found = camera_alone(replace(view.corners, pixel=pixel), BOARD)[0].intrinsics
     assert found[:4] == pytest.approx(LENS[:4], abs=1.5)
 
 

@@ -205,6 +205,8 @@ def test_every_command_takes_the_job(folder: Path, command: tuple[Any, ...]) -> 
         ("corners: corners/calibration.csv, ", "", "corners: found no such key"),
         ("huber_px", "huber_mm", "a key that camera_view does not use"),
         (", camera: camera.yaml", ", intrinsics: fixed", "no camera for intrinsics: fixed"),
+        ("huber_px", "lens: fisheye, huber_px", "lens beside camera"),
+        ("camera: camera.yaml", "lens: wide", "one of plumb_bob, rational_polynomial, equid"),
         ("corners/calibration", "corners/validation", "the same names in both"),
         ("huber_px: 1", "setup: eye", "one of eye-in-hand, eye-to-hand"),
         ("px: 1}", "px: 1, intrinsics: free}", "another intrinsics than in an earlier row"),
