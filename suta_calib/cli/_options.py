@@ -250,6 +250,12 @@ def pose_options(command: Command) -> Command:
     return command
 
 
+def certify_option(command: Command) -> Command:
+    """``--certify``: the answer is given what is proven of it (`with_proof`)."""
+    about = "Prove that no other answer fits better, or say that it is not proven."
+    return flag("--certify", about)(command)
+
+
 def optional_arm(
     urdf: UrdfFile | None, tip: str | None, base: str | None, what: str
 ) -> ArmModel | None:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import click
 
 from suta_calib.cli._formats import read_poses
-from suta_calib.cli._options import PATH, option, pose_options, scale_option
+from suta_calib.cli._options import PATH, certify_option, option, pose_options, scale_option
 from suta_calib.cli._output import LateProgress, answer_command
 from suta_calib.geometry.lens import LENSES
 from suta_calib.measurements import read_board, read_camera, read_corners
@@ -16,6 +16,7 @@ from suta_calib.measurements.pose_files import read_hand_poses, read_pose_pairs
 from suta_calib.pose_calibration import hand_eye_from_pairs
 from suta_calib.pose_calibration.hand_eye import with_scale
 from suta_calib.pose_calibration.pictures import View, hand_eye_from_pictures
+from suta_calib.pose_calibration.proof import with_proof
 from suta_calib.report.document import Document
 from suta_calib.report.hand_eye import hand_eye_document
 from suta_calib.report.pictures import picture_document
@@ -64,6 +65,7 @@ if TYPE_CHECKING:
     "free",
 )
 @scale_option
+@certify_option
 @pose_options
 def hand_eye(
     poses: Path,
@@ -75,6 +77,7 @@ def hand_eye(
     lens: str | None,
     intrinsics: Intrinsics,
     scale_ppm: float,
+    certify: bool,
     plain: bool,
     seed: int,
 ) -> Document:
@@ -117,6 +120,8 @@ def hand_eye(
             data, setup=setup, model=model, robust=not plain, seed=seed
         )
         calibration = with_scale(calibration, scale_ppm)
+        if certify:
+            calibration = with_proof(calibration)
     return hand_eye_document(calibration, data).with_data(
         robust=not plain, seed=seed, scale_ppm=scale_ppm
     )

@@ -7,10 +7,11 @@ from pathlib import Path
 import click
 
 from suta_calib.cli._formats import read_poses
-from suta_calib.cli._options import PATH, option, pose_options, scale_option
+from suta_calib.cli._options import PATH, certify_option, option, pose_options, scale_option
 from suta_calib.cli._output import LateProgress, answer_command
 from suta_calib.measurements.pose_files import read_corresponding_points, read_points
 from suta_calib.pose_calibration import registration_from_points
+from suta_calib.pose_calibration.proof import with_proof
 from suta_calib.report.document import Document
 from suta_calib.report.registration import register_document
 
@@ -20,12 +21,14 @@ from suta_calib.report.registration import register_document
 @click.argument("b", type=PATH, metavar="B.csv")
 @option("--target T.csv", "Points in frame A for which the expected error is computed.", PATH)
 @scale_option
+@certify_option
 @pose_options
 def register(
     a: Path,
     b: Path,
     target: Path | None,
     scale_ppm: float,
+    certify: bool,
     plain: bool,
     seed: int,
 ) -> Document:
@@ -42,6 +45,8 @@ def register(
         registration = registration_from_points(
             *points, targets, robust=not plain, seed=seed, scale_ppm=scale_ppm
         )
+        if certify:
+            registration = with_proof(registration)
     return register_document(registration, *points, targets).with_data(
         robust=not plain, seed=seed, scale_ppm=scale_ppm
     )

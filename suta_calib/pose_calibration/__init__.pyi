@@ -1,9 +1,11 @@
 from .hand_eye import HandEyeCalibration as HandEyeCalibration
 from .hand_eye import calibrate_hand_eye as calibrate_hand_eye
 from .hand_eye import hand_eye_from_pairs as hand_eye_from_pairs
+from .optimality import Optimality as Optimality
 from .pivot import PivotCalibration as PivotCalibration
 from .pivot import calibrate_pivot as calibrate_pivot
 from .pivot import pivot_from_poses as pivot_from_poses
+from .proof import with_proof as with_proof
 from .registration import Registration as Registration
 from .registration import register as register
 from .registration import registration_from_points as registration_from_points

@@ -13,6 +13,7 @@ from suta_calib.arrays import BoolArray, FloatArray
 from suta_calib.assessment import Level, attempt
 from suta_calib.errors import SamplesError
 from suta_calib.geometry.numbers import rms_length
+from suta_calib.pose_calibration.optimality import Optimality
 from suta_calib.solver.solution import Solution
 from suta_calib.trust.evidence import Evidence
 from suta_calib.trust.examination import Examination
@@ -48,6 +49,7 @@ class RobustAnswer:
         examination: the answer, prepared for the hypotheses about wrong data.
         weighed: the evidence on every hypothesis about wrong data, supported or not.
         rule: when evidence is reported.
+        optimality: what is proven of its being the best, where that was asked.
     """
 
     covariance: FloatArray
@@ -61,6 +63,7 @@ class RobustAnswer:
     examination: Examination | None = None
     weighed: tuple[Finding, ...] = ()
     rule: Rule = Rule()
+    optimality: Optimality | None = None
 
     def evidence(self, hypothesis: str) -> Evidence | None:
         """On a hypothesis by its name; None where it was not tested."""

@@ -13,10 +13,11 @@ from suta_calib.geometry.numbers import quaternion_from_rotation, rpy_from_rotat
 from suta_calib.model.parameters import PLACEMENT
 from suta_calib.report.document import File, Text
 from suta_calib.report.listing import Column, Json, Listing, Row, Table, csv_text, plain, shown_as
-from suta_calib.units import Unit, key, text
+from suta_calib.units import Unit, deg, key, mm, text
 from suta_calib.words import listed
 
 if TYPE_CHECKING:
+    from suta_calib.pose_calibration.optimality import Optimality
     from suta_calib.pose_calibration.robust_answer import RobustAnswer
 
 MOST_OUTLIERS: Final = 10
@@ -46,9 +47,11 @@ def residuals_file(
 
 
 def fitted_rows(answer: RobustAnswer, lines: Sequence[int]) -> Json:
-    """Outliers and counts, for JSON."""
-    count, lost = len(answer.inliers), answer.outliers
+    """Outliers and counts, and what is proven where that was asked, for JSON."""
+    count, lost, optimality = len(answer.inliers), answer.outliers, answer.optimality
+    proven = {} if optimality is None else {"optimality": optimality_record(optimality)}
     return {
+        **proven,
         "outliers": list(lost),
         "outlier_lines": [lines[row] for row in lost],
         "suspects": [int(row) for row in np.flatnonzero(answer.suspects)],
@@ -63,7 +66,22 @@ def fit_texts(figures: str, what: str, answer: RobustAnswer, lines: Sequence[int
     if lost:
         rows, s = listed([f"{row} (line {lines[row]})" for row in lost], MOST_OUTLIERS), "s"
         fitted += f"; {len(lost)} outlier{s * (len(lost) > 1)}: row{s * (len(lost) > 1)} {rows}"
-    return [Text(figures), Text(fitted)]
+    optimality = answer.optimality
+    # What is not proven stands with the verdict.
+    proven = [Text(optimality.sentence)] if optimality and optimality.certified else []
+    return [Text(figures), Text(fitted), *proven]
+
+
+def optimality_record(optimality: Optimality) -> Json:
+    """What is proven of an answer, as JSON has it; gaps are relative to the cost."""
+    return {
+        "certified": optimality.certified,
+        "gap": optimality.gap,
+        "answer_gap": optimality.answer_gap,
+        "reached": optimality.reached,
+        "moved_mm": mm(optimality.moved),
+        "moved_deg": None if optimality.turned is None else deg(optimality.turned),
+    }
 
 
 # ── poses ────────────────────────────────────────────────────────────────────────────────────

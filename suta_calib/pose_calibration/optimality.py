@@ -1,0 +1,74 @@
+"""What is proven of an answer's being the best one, in numbers and in words."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from suta_calib.pose_calibration.rotation_bound import PROVEN
+from suta_calib.units import deg, text
+
+
+@dataclass(frozen=True)
+class Optimality:
+    """What is proven of an answer.
+
+    Attributes:
+        what: the unknowns, in words.
+        gap: how much lower than the lowest sum of squares that was found any may be, relative to
+            it: zero but for rounding where the convex relaxation is tight.
+        answer_gap: the same of the answer, whose robust cost is another one where the hand's turns
+            move the target: lever and axes follow the answer there, and are held here.
+        moved: from that minimum to the answer, m, of whichever moved most.
+        turned: the same, rad; None without rotations.
+        reached: whether the answer's own cost, descended from there, ends in the answer.
+        linear: whether nothing but positions was unknown, so that there is one minimum only.
+        trouble: why it is not proven; empty where there is no more to say.
+    """
+
+    what: str
+    gap: float
+    answer_gap: float
+    moved: float
+    turned: float | None
+    reached: bool
+    linear: bool = False
+    trouble: str = ""
+
+    @property
+    def certified(self) -> bool:
+        """Whether the minimum is proven, and leads to the answer."""
+        return self.gap <= PROVEN and self.reached
+
+    @property
+    def sentence(self) -> str:
+        """What is proven in words, or that it is not, and what that means."""
+        moved = text(self.moved, "m", with_unit=True)
+        moved += "" if self.turned is None else f" and {deg(self.turned):.2g}°"
+        if self.certified and self.linear:
+            return (
+                f"Proven best: the residuals are linear in {self.what}. Such a cost has only one "
+                f"minimum, and this is it (to {max(self.gap, 1e-15):.0e} of the cost)."
+            )
+        if self.certified:
+            there = (
+                "This answer is that minimum."
+                if self.answer_gap <= PROVEN
+                else f"From that minimum the robust cost leads to this answer, {moved} away."
+            )
+            return (
+                f"Proven best: with the weights of this answer, no other {self.what} have a lower "
+                f"sum of squares (to {max(self.gap, 1e-15):.0e} of it). {there}"
+            )
+        if self.gap <= PROVEN:
+            return (
+                f"Not proven best: the lowest sum of squares is known, {moved} away, but from "
+                "there the robust cost leads to another minimum than this answer. Are many rows "
+                "wrong? Look at the rows that were left out."
+            )
+        because = f": {self.trouble}" if self.trouble else ""
+        return (
+            f"Not proven best: another {self.what} may fit better (by up to {self.gap:.1g} of the "
+            f"sum of squares; {PROVEN:.0e} counts as proven){because}. The answer is the lowest "
+            "minimum that was found. Add rows that turn about other axes, and compare a second "
+            "set of rows."
+        )

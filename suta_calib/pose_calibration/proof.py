@@ -1,0 +1,221 @@
+"""Whether an answer is the best one: a lower bound that is proven, beside the answer's own cost.
+
+Pivot, registration and hand-eye calibration end in a robust minimum. With the weights held that
+it gave to rows and directions, each is a sum of squares that is linear in positions and rotations;
+a rotation's error is a chord. Of these `rotation_bound` proves the lowest minimum. The answer's own
+cost, descended from there, must come to the answer. What is proven is the first; the second makes
+it a statement about the answer.
+
+Hand-eye calibration of many eyes and targets, ``A_i X_e B_i = Z_t``, is one problem of this kind
+(Wise et al. 2025, A certifiably correct algorithm for generalized robot-world and hand-eye
+calibration, arXiv:2507.23045). Translations are eliminated; covariances of displacements with turns
+are held as well as weights, which that paper leaves out.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from dataclasses import replace
+from typing import Final, TypeVar
+
+import numpy as np
+
+from suta_calib.arrays import FloatArray, IntArray
+from suta_calib.assessment import attempt
+from suta_calib.geometry.numbers import rotation_from_vector, skew, vector_from_rotation
+from suta_calib.pose_calibration.optimality import Optimality
+from suta_calib.pose_calibration.robust_answer import RobustAnswer
+from suta_calib.pose_calibration.rotation_bound import (
+    ROUNDING,
+    PoseSquares,
+    best_rotations,
+    stacked_turns,
+)
+from suta_calib.pose_calibration.stated_noise import WeighedPoint
+from suta_calib.solver.nlp import SAME_COST, RobustNlp
+from suta_calib.solver.options import SolverOptions
+from suta_calib.solver.solution import Solution
+from suta_calib.terms.fixed_point import FixedPoint
+from suta_calib.terms.hand_eye import HandEye
+from suta_calib.terms.hand_eye_start import Poses
+from suta_calib.terms.term import Term
+from suta_calib.terms.tracked_point import TrackedPoint
+
+# Rows whose squares are added up at once.
+PORTION: Final = 1000
+# Errors, in units of the problem's extent or rad, that are rounding: a cost of these is none.
+NO_ERROR: Final = 1e-9
+
+
+A = TypeVar("A", bound=RobustAnswer)
+
+
+def with_proof(answer: A) -> A:
+    """The same answer with what is proven of it; that nothing is where the proof fails."""
+    failed = list[str]()
+    found = attempt("proven: that the answer is the best", lambda: _proof(answer), None, failed)
+    if found is None:
+        return replace(answer, unjudged=(*answer.unjudged, *failed))
+    told = () if found.certified else (found.sentence,)
+    return replace(answer, optimality=found, unjudged=(*answer.unjudged, *told))
+
+
+def _proof(answer: RobustAnswer) -> Optimality:
+    """Of the term that the answer's solution fitted."""
+    solution, length = answer.solution, answer.examination.length if answer.examination else 1.0
+    (term,) = solution.problem.terms
+    if isinstance(term, FixedPoint):
+        return _of_pivot(solution, term, length)
+    if isinstance(term, TrackedPoint):
+        return _of_points(solution, term, length)
+    assert isinstance(term, HandEye)
+    count = len(term.poses)
+    eye, target = np.zeros(count, dtype=np.intp), np.ones(count, dtype=np.intp)
+    rows = loop_rows(solution, term, eye, target)
+    return _of_poses(solution, rows, length, count * len(term.blocks), "X and Z")
+
+
+def _of_poses(
+    solution: Solution, rows: Iterable[FloatArray], length: float, vectors: int, what: str
+) -> Optimality:
+    """Of a problem whose unknowns are poses; of ``vectors`` residuals of three numbers each."""
+    poses = solution.x.reshape(-1, 6)
+    places, rotations = poses[:, :3], rotation_from_vector(poses[:, 3:])
+    problem = PoseSquares.of(rows, len(poses))
+    least = vectors * sum(3.0 * (NO_ERROR / s) ** 2 for s in solution.sigmas)
+    least /= len(solution.sigmas)
+    bound = best_rotations(problem.turning, rotations, least)
+    best = problem.placed(bound.rotations)
+    own = problem.cost(rotations, places)
+    turned = vector_from_rotation(np.swapaxes(bound.rotations, 1, 2) @ rotations)
+    start = np.hstack([best, vector_from_rotation(bound.rotations)]).reshape(-1)
+    return Optimality(
+        what=what,
+        gap=bound.below / max(bound.cost, least),
+        answer_gap=max(own - bound.cost + bound.below, 0.0) / max(own, least),
+        moved=length * _farthest(best - places),
+        turned=_farthest(turned),
+        reached=leads_to(solution, start),
+        trouble=bound.trouble,
+    )
+
+
+def _farthest(vectors: FloatArray) -> float:
+    return float(np.linalg.norm(vectors, axis=1).max())
+
+
+# ── pivot and registration ───────────────────────────────────────────────────────────────────
+def _of_pivot(solution: Solution, term: FixedPoint, length: float) -> Optimality:
+    """``R_iᵀ (c - p_i) - t`` is linear in all unknowns: the robust cost is convex."""
+    R, p = term.poses.at(solution.values)
+    names, point = term.places
+    back, count = np.swapaxes(R, 1, 2), 1 + len(names)
+    rows = np.zeros((len(p), 3, 3 * count + 1))
+    rows[:, :, :3] = -np.eye(3)
+    for k in range(len(names)):
+        rows[point == k, :, 3 + 3 * k : 6 + 3 * k] = back[point == k]
+    rows[:, :, -1] = -np.einsum("nij,nj->ni", back, p)
+    weighed = _weighed([rows], np.append(solution.x, 1.0), solution, term)
+    problem = PoseSquares.of([weighed], count)
+    moving, residual = problem.triangle[:, :-1], problem.triangle @ np.append(solution.x, 1.0)
+    step = np.linalg.lstsq(moving, residual, ROUNDING)[0]
+    least = len(p) * 3.0 * (NO_ERROR / solution.sigmas[0]) ** 2
+    lower = float(np.sum((moving @ step) ** 2)) / max(float(residual @ residual), least)
+    moved = length * _farthest(step.reshape(-1, 3))
+    return Optimality("the tip and the posts", lower, lower, moved, None, reached=True, linear=True)
+
+
+def _of_points(solution: Solution, term: TrackedPoint, length: float) -> Optimality:
+    """``R a_i + p - b_i`` is linear in R and p; rows may weigh by direction."""
+    _, a = term.poses.at(solution.values)
+    b = term.poses.samples.position
+    assert b is not None
+    rows = np.zeros((len(a), 3, 13))
+    rows[:, :, :3] = np.eye(3)
+    rows[:, :, 3:12] = np.einsum("ij,nk->nijk", np.eye(3), a).reshape(-1, 3, 9)
+    rows[:, :, 12] = -b
+    if isinstance(term, WeighedPoint):
+        rows = term.whitening @ rows
+    y = np.concatenate([solution.x[:3], stacked_turns(rotation_from_vector(solution.x[None, 3:]))])
+    weighed = _weighed([rows], y, solution, term)
+    return _of_poses(solution, [weighed], length, len(a), "rotation and position")
+
+
+# ── hand-eye ─────────────────────────────────────────────────────────────────────────────────
+def loop_rows(
+    solution: Solution, term: HandEye, eye: IntArray, target: IntArray
+) -> Iterator[FloatArray]:
+    """Weighted rows (12n, 12k + 1) of ``A X B - Z``, linear in positions, rotations and one.
+
+    Of every pair three displacements, less what the turns in its residual move the target by, then
+    the nine numbers of the rotation's chord. Levers, turns by which they move, and Huber's weights
+    are those at the solution.
+
+    Args:
+        solution: of the term alone; poses of all eyes, then of all targets.
+        term: over the pairs.
+        eye: (n,) number of the pose of the eye in each pair.
+        target: (n,) the same of the target.
+    """
+    poses = solution.x.reshape(-1, 6)
+    R, p = rotation_from_vector(poses[:, 3:]), poses[:, :3]
+    A, samples = term.poses.at(solution.values), term.poses.samples
+    assert samples.rotation is not None
+    assert samples.position is not None
+    B = samples.rotation, samples.position
+    lever = term.robot_noise_fraction * (B[1] + np.einsum("nji,nj->ni", R[eye], p[eye]))
+    lever += np.array(term.lever_in_eye) + B[0] @ term.lever_in_target
+    y = np.concatenate([p.reshape(-1), stacked_turns(R)])
+    for first in range(0, len(eye), PORTION):
+        rows = slice(first, first + PORTION)
+        pairs = (A[0][rows], A[1][rows]), (B[0][rows], B[1][rows])
+        parts = _linear(*pairs, (R, p), eye[rows], target[rows], lever[rows])
+        yield _weighed(parts, y, solution, term)
+
+
+def _linear(
+    A: Poses, B: Poses, poses: Poses, eye: IntArray, target: IntArray, lever: FloatArray
+) -> list[FloatArray]:
+    """Displacements (n, 3, c), and turns as chords (n, 9, c), linear in y."""
+    count, pairs = len(poses[0]), np.arange(len(eye))
+    size = 12 * count + 1
+    slides, chords = np.zeros((len(eye), 3, size)), np.zeros((len(eye), 9, size))
+
+    def columns(pose: IntArray, first: int, size: int) -> IntArray:
+        return first + size * pose[:, None] + np.arange(size)
+
+    def put(rows: FloatArray, at: IntArray, values: FloatArray) -> None:
+        rows[pairs[:, None, None], np.arange(rows.shape[1])[:, None], at[:, None, :]] = values
+
+    put(slides, columns(eye, 0, 3), A[0])
+    put(slides, columns(target, 0, 3), np.broadcast_to(-np.eye(3), (len(eye), 3, 3)))
+    reach = np.einsum("nij,nk->nijk", A[0], B[1]).reshape(-1, 3, 9)
+    put(slides, columns(eye, 3 * count, 9), reach)
+    slides[:, :, -1] = A[1]
+    turning = np.einsum("nij,nlk->nikjl", A[0], B[0]).reshape(-1, 9, 9)
+    put(chords, columns(eye, 3 * count, 9), turning)
+    put(chords, columns(target, 3 * count, 9), np.broadcast_to(-np.eye(9), (len(eye), 9, 9)))
+    # Noise of the hand's turns moves the target, too: turn x lever, in the eye's axes.
+    eye_axes, cross = A[0] @ poses[0][eye], -skew(np.eye(3))
+    # The chord E in the eye's axes is skew to first order: half its two signs is the turn.
+    turn = 0.5 * np.einsum("abc,nmb,ncl->naml", cross, eye_axes, B[0])
+    by_turn = np.einsum("nij,jlk,nl,nkmo->nimo", eye_axes, cross, lever, turn).reshape(-1, 3, 9)
+    slides -= by_turn @ chords
+    return [slides, chords / np.sqrt(2.0)]
+
+
+def _weighed(parts: list[FloatArray], y: FloatArray, solution: Solution, term: Term) -> FloatArray:
+    """Rows of each block (n, d, c) in units of their noise, with Huber's weights at y."""
+    found = []
+    for part, sigma, block in zip(parts, solution.sigmas, term.blocks, strict=True):
+        size = np.linalg.norm(part @ y, axis=1)
+        weight = np.sqrt(np.minimum(1.0, block.noise.huber / np.maximum(size, 1e-300)))
+        found.append((part * (weight / sigma)[:, None, None]).reshape(-1, len(y)))
+    return np.vstack(found)
+
+
+def leads_to(solution: Solution, start: FloatArray) -> bool:
+    """Whether the solution's own cost, descended from a start, ends where the solution is."""
+    nlp = RobustNlp(solution.problem, solution.free, solution.sigmas)
+    minimum = SolverOptions(confirm=False).build_solver().nearby(nlp, start)
+    return minimum is not None and abs(minimum.cost - solution.minimum.cost) <= SAME_COST
