@@ -21,6 +21,7 @@ BY_NAME = {
     "pose_calibration/picture_rows.py": {"CameraView"},
     "pose_calibration/pictures.py": {"CameraView"},
     "pose_calibration/pivot.py": {"FixedPoint"},
+    "pose_calibration/proof.py": {"FixedPoint", "HandEye", "TrackedPoint"},
     "pose_calibration/rigid_fit.py": {"TrackedPoint"},
     "pose_calibration/robot_noise.py": {"HandEye"},
     "pose_calibration/stated_noise.py": {"TrackedPoint"},
