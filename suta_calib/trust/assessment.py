@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
@@ -18,6 +19,7 @@ from suta_calib.trust.calibration_examination import CalibrationExamination
 from suta_calib.trust.contradictions import gross_rows
 from suta_calib.trust.explanation import Explanation, HeldReason
 from suta_calib.trust.extended_problem import LOOKS_LIKE
+from suta_calib.trust.hypothesis import Finding
 from suta_calib.trust.linearised import ExtensionGain, best_extension
 from suta_calib.trust.patterns import matches
 from suta_calib.trust.priors import PriorNotes
@@ -41,11 +43,18 @@ def assess_calibration(examined: CalibrationExamination) -> Assessment:
         return _not_converged(examined, doubts, failed)
     fewer = attempt("judged: a part of the rows", lambda: examined.fewer, examined, failed)
     contradicting = judge("contradictions", lambda: examined.contradictions, failed)
+    # What looks like other faults is said before all that it would be taken for.
+    foremost = attempt("judged: the model", lambda: _foremost(fewer), None)
     # A fit that other readings explain far better has residuals that say nothing of joints.
-    cause = judge("other readings", lambda: _cause(examined), failed) if contradicting else []
+    cause = (
+        judge("other readings", lambda: _cause(examined, foremost), failed) if contradicting else []
+    )
     named = judge("the model", lambda: _named_cause(fewer, accuracy, alone=not cause), failed)
     # What explains residuals that are far too large is said before them.
-    first = named if any(item.bad for item in contradicting) else []
+    first = named if foremost or any(item.bad for item in contradicting) else []
+    against = [
+        (item.without_guess if foremost else item.sentence, item.bad) for item in contradicting
+    ]
     worse = "The calibrated arm is worse than the nominal arm on the validation data."
     fitted_only = (
         "There are no validation data. The errors shown are those of the fitted data, and errors "
@@ -53,40 +62,46 @@ def assess_calibration(examined: CalibrationExamination) -> Assessment:
     )
     nothing = PriorNotes()
     priors = attempt("judged: priors", lambda: examined.priors, nothing, failed)
-    beliefs = judge("priors that rows state", lambda: fewer.contradicted_beliefs, failed)
+    beliefs = (
+        []
+        if foremost
+        else judge("priors that rows state", lambda: fewer.contradicted_beliefs, failed)
+    )
     is_worse = attempt("judged: validation data", lambda: accuracy.worse, False, failed)
+    bad = [
+        *cause,
+        *([worse] if is_worse else []),
+        *(said for said, is_bad in against if is_bad),
+        *priors.bad,
+        *(said for said, level in doubts.items() if level == "bad"),
+    ]
+    care = [
+        *(said for said, is_bad in against if not is_bad),
+        *(said for said, level in doubts.items() if level == "care"),
+        *([] if accuracy.validation or accuracy.unjudged else [fitted_only]),
+        *([] if cause else judge("rows", lambda: matches(solution, "rows"), failed)),
+        *judge("the gain", lambda: _on_gain(accuracy, explained=foremost is not None), failed),
+        *(belief.sentence for belief in beliefs),
+        *judge("parameters", lambda: _on_parameters(examined), failed),
+        *judge("zeros", lambda: [split.sentence for split in examined.prior_splits], failed),
+        *judge("the scale", lambda: _on_guessed_scale(examined), failed),
+        *judge("redundancy", lambda: _on_redundancy(examined), failed),
+        *([] if first else named),
+        *judge(
+            "residuals",
+            lambda: _beside_geometry(
+                *(examined, fewer), named=bool(named), suspect=not (cause or priors.bad)
+            ),
+            failed,
+        ),
+        *priors.care,
+        *accuracy.unjudged,
+    ]
+    (bad or care)[:0] = first
     return Assessment.of(
         solution.sentence,
-        bad=[
-            *first,
-            *cause,
-            *([worse] if is_worse else []),
-            *(item.sentence for item in contradicting if item.bad),
-            *priors.bad,
-            *(said for said, level in doubts.items() if level == "bad"),
-        ],
-        care=[
-            *(item.sentence for item in contradicting if not item.bad),
-            *(said for said, level in doubts.items() if level == "care"),
-            *([] if accuracy.validation or accuracy.unjudged else [fitted_only]),
-            *([] if cause else judge("rows", lambda: matches(solution, "rows"), failed)),
-            *judge("the gain", lambda: _on_gain(accuracy), failed),
-            *(belief.sentence for belief in beliefs),
-            *judge("parameters", lambda: _on_parameters(examined), failed),
-            *judge("zeros", lambda: [split.sentence for split in examined.prior_splits], failed),
-            *judge("the scale", lambda: _on_guessed_scale(examined), failed),
-            *judge("redundancy", lambda: _on_redundancy(examined), failed),
-            *([] if first else named),
-            *judge(
-                "residuals",
-                lambda: _beside_geometry(
-                    *(examined, fewer), named=bool(named), suspect=not (cause or priors.bad)
-                ),
-                failed,
-            ),
-            *priors.care,
-            *accuracy.unjudged,
-        ],
+        bad=bad,
+        care=care,
         facts=[
             *judge("what is held at nominal", lambda: _as_drawn(examined), failed),
             *judge("the scale", lambda: _on_scale(examined), failed),
@@ -123,24 +138,38 @@ def _not_converged(
     return Assessment("bad", solution.sentence, (*patterns, *notes, *failed))
 
 
-def _cause(examined: CalibrationExamination) -> list[str]:
-    """The data read in another way, where that explains them far better."""
+def _foremost(fewer: CalibrationExamination) -> Finding | None:
+    """What is said before all that it would be taken for; None where nothing is."""
+    found = fewer.strongest_cause
+    return found if found is not None and found.hypothesis.before_others else None
+
+
+def _cause(examined: CalibrationExamination, foremost: Finding | None = None) -> list[str]:
+    """The data read in another way, where that explains them far better.
+
+    Far better than with ``foremost``, too: an arm's own motion passes for a moved instrument.
+    """
     solution = examined.solution
     if obvious := matches(solution, "cause"):
         return [] if solution.converged else obvious
     cause = examined.other_reading
-    return matches(solution, "suspicion") if cause is None else [cause.sentence]
+    if cause is None:
+        return matches(solution, "suspicion")
+    left = 1.0 if foremost is None else math.sqrt(max(1.0 - foremost.evidence.share, 0.0))
+    far_better = cause.before * left > examined.rule.far_better * cause.after
+    return [cause.sentence] if far_better else []
 
 
-def _on_gain(accuracy: Accuracy) -> list[str]:
-    """An arm that was right before is neither made better nor spoilt."""
+def _on_gain(accuracy: Accuracy, *, explained: bool) -> list[str]:
+    """An arm that was right before is neither made better nor spoilt, if nothing else is named."""
     gain = accuracy.gain
     if gain is None or gain.better or gain.worse:
         return []
     before, after = (text(rms, gain.unit, with_unit=True) for rms in (gain.before, gain.after))
     return [
         f"On the validation data the calibrated arm ({after}) is not clearly better than the "
-        f"nominal arm ({before}). The nominal arm may have been right already."
+        f"nominal arm ({before})."
+        + ("" if explained else " The nominal arm may have been right already.")
     ]
 
 
@@ -256,18 +285,18 @@ def _on_redundancy(examined: CalibrationExamination) -> list[str]:
 
 def _causes(examined: CalibrationExamination, failed: list[str]) -> list[str]:
     """What may have spoilt a fit that did not converge; of joints its residuals say nothing."""
-    nothing: tuple[list[str], bool] = [], False
-    model, first = attempt("judged: the model", lambda: _cause_of_model(examined), nothing, failed)
-    readings = judge("other readings", lambda: _cause(examined), failed)
-    return [*model, *readings] if first else readings or model
+    model = judge("the model", lambda: _cause_of_model(examined), failed)
+    foremost = attempt("judged: the model", lambda: _foremost(examined.fewer), None)
+    readings = judge("other readings", lambda: _cause(examined, foremost), failed)
+    return [*model, *readings] if foremost else readings or model
 
 
-def _cause_of_model(examined: CalibrationExamination) -> tuple[list[str], bool]:
-    """An error that the model lacks, and whether it is reported before other interpretations."""
+def _cause_of_model(examined: CalibrationExamination) -> list[str]:
+    """An error that the model lacks."""
     cause = examined.fewer.strongest_cause
     if cause is None or cause.evidence.effect.parameters:
-        return [], False
-    return [cause.sentence], cause.hypothesis.before_others
+        return []
+    return [cause.sentence]
 
 
 def _named_cause(examined: CalibrationExamination, accuracy: Accuracy, *, alone: bool) -> list[str]:

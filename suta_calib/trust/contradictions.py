@@ -50,11 +50,23 @@ class Contradiction:
 
     Attributes:
         bad: whether the answer must not be used because of it.
-        sentence: what disagrees, and by how much.
+        finding: what disagrees, and by how much.
+        guess: at the cause, which is not said where another cause is found; empty for none.
     """
 
     bad: bool
-    sentence: str
+    finding: str
+    guess: str = ""
+
+    @property
+    def sentence(self) -> str:
+        """The finding, with the guess at its cause."""
+        return f"{self.finding}: {self.guess}." if self.guess else self.finding
+
+    @property
+    def without_guess(self) -> str:
+        """The finding alone."""
+        return f"{self.finding}." if self.guess else self.finding
 
 
 def contradictions(
@@ -153,7 +165,7 @@ def _unstated(
             f"{rows.source} scatter by only {noise}. The model lacks something, or a group of "
             "rows is wrong"
         )
-    yield Contradiction(bad, f"The {rows.name} residuals{chain} are {level} per axis: {cause}.")
+    yield Contradiction(bad, f"The {rows.name} residuals{chain} are {level} per axis", cause)
 
 
 def _noise_units(problem: Problem) -> list[str]:
@@ -234,7 +246,8 @@ def _held_out(solution: Solution, errors: Sequence[HeldOutErrors]) -> Iterator[C
             e.ratio > HELD_OUT,
             f"The {e.name} validation errors of {e.term.called} are "
             f"{text(e.level, e.unit, with_unit=True)} per axis, {e.ratio:.1f} times what noise "
-            f"and covariance predict (fitted: {text(e.fitted, e.unit, with_unit=True)}): {cause}.",
+            f"and covariance predict (fitted: {text(e.fitted, e.unit, with_unit=True)})",
+            cause,
         )
 
 
@@ -336,7 +349,8 @@ def _priors(solution: Solution) -> Iterator[Contradiction]:
         any(pull > PULL for pull in stated),
         f"{name}{more} ended {worst:.0f} standard deviations from {says} (by "
         f"{text(values[name] - p.nominal, p.unit, with_unit=True)}, prior "
-        f"{text(p.prior, p.unit, with_unit=True)}): either the prior or the data are wrong."
+        f"{text(p.prior, p.unit, with_unit=True)})",
+        "either the prior or the data are wrong"
         + _mounted([parameters[name] for _, name in far], solution.problem.terms),
     )
 
@@ -348,7 +362,7 @@ def _mounted(far: Sequence[Parameter], terms: Sequence[Term]) -> str:
         if mount is None or not isinstance(poses, ArmPoses):
             continue
         if any(p.owner == poses.arm.segments[-1].owner for p in far):
-            return f" Perhaps {mount[0]}."
+            return f". Perhaps {mount[0]}"
     return ""
 
 

@@ -49,7 +49,8 @@ class PriorSplit(Displayable):
             several.
         tip: by how much the registered tip is unsure because of it, m, RMS in postures all over.
         links: between the joints, base to tip.
-        kinds: of the observations that cannot separate them.
+        kinds: of the observations that do not separate them.
+        postures: whether the same in more postures would.
     """
 
     names: tuple[str, ...]
@@ -59,6 +60,7 @@ class PriorSplit(Displayable):
     tip: float
     links: tuple[str, ...]
     kinds: tuple[str, ...]
+    postures: bool
 
     @property
     def sentence(self) -> str:
@@ -73,13 +75,18 @@ class PriorSplit(Displayable):
         size = f"±{most}" if least == most else f"±{least} to {most}"
         size += f" {unit_name(self.unit)}"
         tip = text(self.tip, "m", with_unit=True)
-        row = f"a row of kind {enumerated(self.kinds, 'or')}"
-        links = f"link{'s' * (len(self.links) > 1)} {enumerated(self.links)}"
+        several = len(self.links) > 1
+        remedy = (
+            "Measure in postures that differ more in these joints"
+            if self.postures
+            else f"Measure on the link{'s' * several} {enumerated(self.links)} too: "
+            f"{'for each, ' * several}add a row of kind {enumerated(self.kinds, 'or')} with "
+            f"{'its name' if several else 'the key'} (link: {self.links[0]}). Or add observations "
+            "of where the tip is"
+        )
         return (
             f"The data tell only {what}. Each alone comes from its prior ({size}). This is {tip} "
-            f"at the tip in other postures (one standard deviation). Measure on the {links} "
-            f"too: for each, add {row} with its name (link: {self.links[0]}). Or add observations "
-            "of where the tip is."
+            f"at the tip in other postures (one standard deviation). {remedy}."
         )
 
 
@@ -124,6 +131,13 @@ def prior_splits(
         whole[:, columns] = steps.T
         return math.hypot(*(rich.registered(step / rich.unit) for step in whole))
 
+    # What the same observations would leave in postures all over, in standard deviations before.
+    spread = np.sqrt([prior[problem.names.index(name)] for name in rich.names]) / rich.unit
+    limited = np.isfinite(spread)
+    spread = np.where(limited, spread, 1.0)
+    information = rich.same * np.outer(spread, spread) + np.diag(limited.astype(float))
+    left = np.linalg.pinv(information, hermitian=True)
+
     before = moves([*zeros], np.diag(np.sqrt(prior[[*zeros]])))
     found = []
     for at, (open_steps, told) in split.items():
@@ -131,6 +145,7 @@ def prior_splits(
         if tip < WORTH * before:
             continue
         names = tuple(problem.names[k] for k in at)
+        columns = [rich.names.index(name) for name in names]
         stds = np.sqrt(np.minimum(np.diag(covariance)[[*at]], prior[[*at]]))
         axes, sizes, _ = np.linalg.svd(told)
         factors = axes[:, 0] / np.sqrt(prior[[*at]])
@@ -144,6 +159,7 @@ def prior_splits(
                 tip,
                 _between(arm, [problem.parameters[name].owner for name in names]),
                 tuple(dict.fromkeys(term.kind for term in problem.terms)),
+                bool(np.linalg.eigvalsh(left[np.ix_(columns, columns)])[-1] < INFORMED),
             )
         )
     return tuple(found)

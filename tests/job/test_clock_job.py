@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 from cli_job import answer, refused, spoken
-from moving_arm import MovingArm
+from moving_arm import STEP, MovingArm
 from torso_robot import write_torso_job
 
-from suta_calib import TimeOffset
+from suta_calib import CalibrationJob, TimeOffset
 from suta_calib.job.schema import read_job
 
 pytestmark = pytest.mark.usefixtures("undrawn")
@@ -77,6 +78,24 @@ def test_a_late_instrument_is_found_and_the_tip_is_as_with_a_true_clock(
     right: dict[str, Any] = answer("calibrate", job)
     after = [result["metrics"]["validation"]["after"]["rms_mm"] for result in (late, right)]
     assert after[0] == pytest.approx(after[1], rel=0.1)
+
+
+@pytest.mark.parametrize("time", [True, False])
+def test_a_late_instrument_without_the_key_is_named_first(job: Path, *, time: bool) -> None:
+    changed(job, (", time_offset_ms: {bound: 100}", ""))
+    moving = MovingArm(-0.02, rows=260, begin=0.0)
+    written(job.parent / "fitted.csv", moving, slice(0, 200), time=time)
+    first, *others = CalibrationJob.load(job).run().assessment.notes
+    found = re.search(r"after the observations, by ([\d.]+) ± ([\d.]+) (ms|of the time)", first)
+    assert found is not None, first
+    late, std = (float(found[k]) * (1.0 if time else 1e3 * STEP) for k in (1, 2))
+    assert abs(late - 20.0) < 3.0 * std < 3.0
+    assert re.search(r"the tip moves by [1-4]\.\d+ mm", first)
+    assert "time_offset_ms: {bound: 100}" in first
+    # What the file has is not asked for.
+    assert ("a column time" in first) is not time
+    guesses = ("right already", "was moved", "slip", "model lacks", "other conditions")
+    assert not [note for note in others if any(guess in note for guess in guesses)]
 
 
 def test_what_one_row_says_of_a_clock_holds_for_all_with_its_label(job: Path) -> None:

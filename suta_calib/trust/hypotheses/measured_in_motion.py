@@ -1,14 +1,18 @@
 """Readings and observations of a moving arm that were not taken at the same moment."""
 
+import math
 from collections.abc import Iterator
+from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any
 
 import numpy as np
 
 from suta_calib.arrays import FloatArray
+from suta_calib.geometry.numbers import rms_length
 from suta_calib.trust import AddedVariable, Effect, Evidence, Examination, SpoiltData, Truth
 from suta_calib.trust.simulated_faults import arm_of, with_columns
+from suta_calib.units import ms, text
 
 
 class LateRows(AddedVariable):
@@ -34,28 +38,44 @@ class LateRows(AddedVariable):
         for k, (first, end) in enumerate(pairwise(answer.boundaries.tolist())):
             if answer.problem.terms[k].of_clock:
                 continue
-            files = np.array([file for file, _ in answer.problem.terms[k].poses.samples.files()])
-            steps = per_row(answer.q[first:end], files)
+            term = answer.problem.terms[k]
+            files = np.array([file for file, _ in term.poses.samples.files()])
+            time = term.poses.samples.time
+            steps = per_row(answer.q[first:end], files, time)
             if steps is None:
                 continue
             velocity = np.zeros((len(answer.q), 6, 1))
             velocity[first:end, :, 0] = np.einsum("nvj,nj->nv", motion[first:end], steps)
-            called = answer.problem.terms[k].called
+            moving = _Moving(
+                term.called,
+                term.medium != "touch",
+                None if time is None else usual_step(time, files),
+                rms_length(velocity[first:end, :3, 0]),
+            )
             columns = answer.by_motion(velocity)
             # Rows by which they may be late, at most: more is looked for by reading them again
             # (`trust.hypotheses.rows_late`).
-            yield Effect(f"term {k + 1}", columns, np.array([1.0]), about=called)
+            yield Effect(f"term {k + 1}", columns, np.array([1.0]), about=moving)
 
     def sentence(self, evidence: Evidence) -> str:
-        """The late part, and its delay in parts of a row."""
-        late, std = float(evidence.size[0]), float(evidence.std[0])
-        who = "readings were taken before" if late > 0 else "readings were taken after"
+        """By how much they are late, what that is at the tip, and what to do."""
+        rows, std, moving = float(evidence.size[0]), float(evidence.std[0]), evidence.effect.about
+        size, bound = f"{abs(rows):.3f} ± {std:.3f} of the time between two rows", 100
+        if moving.step is not None:
+            late, late_std = (ms(value * moving.step) for value in (abs(rows), std))
+            size, bound = f"{late:.1f} ± {late_std:.1f} ms", 100 * max(1, math.ceil(late / 50.0))
+        column = "" if moving.step is not None else "the samples a column time, in s, and "
         return (
-            f"The arm moved while the rows of {evidence.effect.about} were measured. The {who} the "
-            f"observations, by {abs(late):.3f} ± {std:.3f} of the time between two rows. "
-            "Let the time offset be estimated: give the samples a column time, in s, and their row "
-            "of the observations the key time_offset_ms: {bound: 100}. Or let the arm rest at each "
-            "row."
+            f"The arm moved while the rows of {moving.called} were measured. The readings were "
+            f"taken {'before' if rows > 0 else 'after'} the observations, by {size}: in this time "
+            f"the tip moves by {text(abs(rows) * moving.way, 'm', with_unit=True)} (RMS). "
+            + (
+                f"Let the time offset be estimated: give {column}"
+                f"their row of the observations the key time_offset_ms: {{bound: {bound}}}. "
+                "Or let the arm rest at each row."
+                if moving.seen
+                else "Let the arm rest at each row."
+            )
         )
 
     def spoil(self, data: Any, values: Truth, rng: np.random.Generator) -> SpoiltData:
@@ -67,11 +87,39 @@ class LateRows(AddedVariable):
         return SpoiltData(with_columns(data, q=older), np.array([late]))
 
 
-def per_row(q: FloatArray, files: Any) -> FloatArray | None:
+@dataclass(frozen=True)
+class _Moving:
+    """Rows of a moving arm.
+
+    Attributes:
+        called: as the term is.
+        seen: whether the tip was seen: an arm that touches has no time offset.
+        step: from row to row, s; None without times.
+        way: of the tip in this time, m, RMS.
+    """
+
+    called: str
+    seen: bool
+    step: float | None
+    way: float
+
+
+def usual_step(time: FloatArray, files: Any) -> float | None:
+    """The median time, s, from row to row (n,) of a file; None where times do not grow."""
+    steps = np.diff(time)[files[1:] == files[:-1]]
+    return float(np.median(steps)) if len(steps) and (steps > 0).all() else None
+
+
+def per_row(q: FloatArray, files: Any, time: FloatArray | None = None) -> FloatArray | None:
     """(n, joints) motion of readings from row to row; None where the arm did not move smoothly.
 
-    Each of the files (n,) that rows are of is a motion by itself.
+    Each of the files (n,) that rows are of is a motion by itself. With a time (n,), s, it is the
+    motion in the usual time between two rows.
     """
+    step_time = None if time is None else usual_step(time, files)
+    at = np.arange(len(q), dtype=float)
+    if time is not None and step_time is not None:
+        at = (time - time[0]) / step_time
     ends = [0, *(1 + np.flatnonzero(np.diff(files))).tolist(), len(q)]
     motion, correlated, total = np.zeros_like(q), 0.0, 0.0
     for first, end in pairwise(ends):
@@ -85,7 +133,7 @@ def per_row(q: FloatArray, files: Any) -> FloatArray | None:
         # So many times the usual step are rows that are missing, across which nothing is known.
         gap = size > 5.0 * np.median(size)
         beside = np.convolve(gap, [1, 1]).astype(bool)
-        motion[first:end] = np.where(beside[:, None], 0.0, np.gradient(part, axis=0))
+        motion[first:end] = np.where(beside[:, None], 0.0, np.gradient(part, at[first:end], axis=0))
         both = ~(gap[1:] | gap[:-1])
         correlated += float(np.sum((step[1:] * step[:-1])[both]))
         total += 0.5 * float(np.sum((step[1:] ** 2 + step[:-1] ** 2)[both]))
