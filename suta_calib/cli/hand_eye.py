@@ -15,6 +15,7 @@ from suta_calib.measurements import read_board, read_camera, read_corners
 from suta_calib.measurements.pose_files import read_hand_poses, read_pose_pairs
 from suta_calib.pose_calibration import hand_eye_from_pairs
 from suta_calib.pose_calibration.hand_eye import with_scale
+from suta_calib.pose_calibration.picture_proof import pictures_with_proof
 from suta_calib.pose_calibration.pictures import View, hand_eye_from_pictures
 from suta_calib.pose_calibration.proof import with_proof
 from suta_calib.report.document import Document
@@ -110,6 +111,8 @@ def hand_eye(
                 robust=not plain,
                 seed=seed,
             )
+            if certify:
+                pictured = pictures_with_proof(pictured)
         return picture_document(pictured, hand).with_data(
             robust=not plain, seed=seed, intrinsics=intrinsics
         )

@@ -72,3 +72,41 @@ class Optimality:
             "minimum that was found. Add rows that turn about other axes, and compare a second "
             "set of rows."
         )
+
+
+@dataclass(frozen=True)
+class PictureOptimality:
+    """What is proven of an answer from pictures, whose own cost has no convex bound.
+
+    Attributes:
+        poses_certified: whether the closed problem on the board's poses, from which the answer
+            starts, is proven.
+        poses_gap: the largest gap of any camera's, as `Optimality.gap`.
+        reached: whether the reprojection errors, followed downhill from there, end in the answer.
+    """
+
+    poses_certified: bool
+    poses_gap: float
+    reached: bool
+
+    @property
+    def good(self) -> bool:
+        """Whether all is so that can be."""
+        return self.poses_certified and self.reached
+
+    @property
+    def sentence(self) -> str:
+        """What is proven in words, and what is not."""
+        start = (
+            "The start is proven best: with the board's pose by each picture, no other X and Z "
+            f"have a lower sum of squares (to {max(self.poses_gap, 1e-15):.0e} of it)."
+            if self.poses_certified
+            else "Nor is the start, the board's pose by each picture, proven best."
+        )
+        end = (
+            "The reprojection errors lead from there to this answer."
+            if self.reached
+            else "From there the reprojection errors lead to another minimum than this answer. "
+            "Look at the pictures that were left out, and add others."
+        )
+        return f"Not proven best: reprojection errors have no convex bound. {start} {end}"

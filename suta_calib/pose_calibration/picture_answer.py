@@ -17,6 +17,7 @@ from suta_calib.measurements import Camera
 from suta_calib.pose_calibration.consensus import FALSE_ALARM
 from suta_calib.pose_calibration.correlation import WAYS
 from suta_calib.pose_calibration.eye_poses import ENOUGH, EyePoses, Model, Unknown, unknowns_of
+from suta_calib.pose_calibration.optimality import PictureOptimality
 from suta_calib.pose_calibration.picture_models import ErrorModel, ReprojectionError
 from suta_calib.pose_calibration.picture_noise import PictureNoise
 from suta_calib.pose_calibration.robust_answer import MANY_OUTLIERS
@@ -147,6 +148,7 @@ class PictureCalibration:
         error_model: how the hand's errors are taken (`picture_models`).
         errors: of the corners, by model; empty of few pictures.
         notes: what the files give to think about, one sentence each.
+        optimality: what is proven of it, where that was asked.
     """
 
     setup: EyeSetup
@@ -157,6 +159,7 @@ class PictureCalibration:
     error_model: ErrorModel
     errors: Mapping[ErrorModel, ReprojectionError]
     notes: tuple[str, ...] = ()
+    optimality: PictureOptimality | None = None
 
     @property
     def unknowns(self) -> tuple[Unknown, ...]:

@@ -88,7 +88,9 @@ def picture_document(calibration: PictureCalibration, data: HandPoses) -> Docume
         for sentence in (_predicted(calibration), _hand(calibration.noise))
         if sentence
     ]
-    digits = 6
+    optimality, digits = calibration.optimality, 6
+    if optimality is not None and optimality.good:
+        parts.append(Text(optimality.sentence))
     parts += [
         File("residuals.csv", lambda: csv_text(CORNERS, corners, digits)),
         Figure(partial(picture_plot, calibration)),
@@ -120,6 +122,14 @@ def picture_document(calibration: PictureCalibration, data: HandPoses) -> Docume
     }
     counts = [len(camera.images) for camera in calibration.cameras]
     lost = [int((~camera.inliers).sum()) for camera in calibration.cameras]
+    if optimality is not None:
+        record["optimality"] = {
+            "certified": False,
+            "gap": None,
+            "poses_certified": optimality.poses_certified,
+            "poses_gap": optimality.poses_gap,
+            "reached": optimality.reached,
+        }
     record |= {
         "frames": {name: FRAMES[calibration.setup][name] for name in calibration.unknowns},
         "reprojection_rms_px": calibration.rms,

@@ -53,6 +53,27 @@ def test_the_screen_says_what_counts(
     assert "Intrinsics" not in said
 
 
+def test_of_pictures_the_start_is_proven(tmp_path: Path, capsys: Capture) -> None:
+    options = pictures(14, pixel=0.1).written(tmp_path)
+    assert cli("hand-eye", *options, "--certify") == 0
+    said = " ".join(capsys.readouterr().out.split())
+    assert "Not proven best: reprojection errors have no convex bound." in said
+    assert "The start is proven best" in said
+    assert "The reprojection errors lead from there to this answer." in said
+
+
+def test_of_two_cameras_each_start_is_proven(tmp_path: Path) -> None:
+    options = pictures(14, pixel=0.1).written(tmp_path)
+    again = tmp_path / "again.csv"
+    again.write_bytes((tmp_path / "corners.csv").read_bytes())
+    options = [*options, "--corners", again, "--camera", tmp_path / "camera.yaml"]
+    proven = answer("hand-eye", *options, "--certify")["optimality"]
+    assert proven["certified"] is False
+    assert proven["poses_certified"] is True
+    assert proven["poses_gap"] < 1e-9
+    assert proven["reached"] is True
+
+
 @pytest.mark.parametrize(
     ("options", "said"),
     [

@@ -18,6 +18,7 @@ BY_NAME = {
     "pose_calibration/picture_causes.py": {"CameraView"},
     "pose_calibration/picture_models.py": {"CameraView"},
     "pose_calibration/picture_noise.py": {"CameraView"},
+    "pose_calibration/picture_proof.py": {"CameraView"},
     "pose_calibration/picture_rows.py": {"CameraView"},
     "pose_calibration/pictures.py": {"CameraView"},
     "pose_calibration/pivot.py": {"FixedPoint"},
