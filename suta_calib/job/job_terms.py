@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from itertools import permutations
 from pathlib import Path
+from typing import Any
 
 from suta_calib.errors import (
     EmptyCellError,
@@ -36,11 +37,17 @@ from suta_calib.words import seen_from
 
 
 def read_arm_samples(
-    arm: ArmModel, files: Sequence[Path], kind: str, *, time: bool = False
+    arm: ArmModel,
+    files: Sequence[Path],
+    kind: str,
+    *,
+    time: bool = False,
+    settings: Mapping[str, Any] | None = None,
 ) -> Samples:
     """Samples of an arm for one kind of observation, perhaps with the time of each."""
     felt = [sensor.columns for sensor in arm.tilt_sensors]
-    return read_samples(files, joint_ranges(arm), replace(KINDS[kind].columns, time=time), felt)
+    columns = KINDS[kind].columns_in(settings or {})
+    return read_samples(files, joint_ranges(arm), replace(columns, time=time), felt)
 
 
 def read_term(
@@ -68,7 +75,9 @@ def read_term(
     # yield.
     arm = mechanism.laid_out[name] if isinstance(mechanism, Robot) else mechanism
     try:
-        samples = read_arm_samples(arm, row.sample_files, row.kind, time=_timed(row))
+        samples = read_arm_samples(
+            *(arm, row.sample_files, row.kind), time=_timed(row), settings=row.settings
+        )
     except (EmptyCellError, MissingColumnError) as error:
         hint = _of_other_chain(mechanism, name, error) if isinstance(mechanism, Robot) else ""
         if not hint:

@@ -303,7 +303,7 @@ def _sighted_samples(
         time, rests = moving.time, moving.q
         moments = wrapped(kinematics.true, moving.seen_at)
     # At every rest each of the marks is seen.
-    marks = list(plan.marks)
+    marks = [*plan.marks, *plan.term.marks_in(plan.settings)]
     labels: dict[str, Any] = {plan.term.mark: marks * plan.samples} if marks else {}
     seen_at = np.repeat(np.arange(plan.samples), max(len(marks), 1))
     q, n = moments[seen_at], len(seen_at)
@@ -343,7 +343,8 @@ def _sighted_samples(
     displacement = outlier_displacements(random(label, "outliers"), plan.outliers, n)
     position, corners = None, None
     if ideal.position is not None:
-        position = ideal.position + displacement + noise.instrument * rng.standard_normal((n, 3))
+        sigma = noise.instrument if ideal.sigma is None else ideal.sigma
+        position = displacement + ideal.scattered(sigma * rng.standard_normal((n, 3)))
     turned = scattered_rotations(rng, noise.instrument_angle, n)
     oriented = plan.orientation or plan.term.columns.orientation == "required"
     rotation = ideal.rotation @ turned if oriented and ideal.rotation is not None else None

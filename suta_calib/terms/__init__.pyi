@@ -25,6 +25,7 @@ from .line_delay import LineDelay as LineDelay
 from .observed import Observed as Observed
 from .pairwise_distance import PairwiseDistance as PairwiseDistance
 from .plane import TouchedPlane as TouchedPlane
+from .points import DepthPoints as DepthPoints
 from .poses import ArmPoses as ArmPoses
 from .poses import MeasuredPoses as MeasuredPoses
 from .poses import PoseSource as PoseSource

@@ -52,6 +52,11 @@ class Observed(Displayable):
             does not; None for who sees no points. What is seen is then these.
         camera: in whose picture they are.
         numbers: what is measured beside these, by name of `SampleColumns.numbers`, (n,) in SI.
+        axes: (n, 3, 3) whose columns are directions in which the position scatters by itself; None
+            for the axes of its frame.
+        sigma: (n, 3) by how much, m, where the kind says it; None where it scatters as whoever
+            simulates has it.
+        sighted: (n,) whether a position is in sight; None where all are.
     """
 
     position: FloatArray | None = None
@@ -59,6 +64,14 @@ class Observed(Displayable):
     pixels: FloatArray | None = None
     camera: Camera | None = None
     numbers: Mapping[str, FloatArray] = field(default_factory=dict)
+    axes: FloatArray | None = None
+    sigma: FloatArray | None = None
+    sighted: BoolArray | None = None
+
+    def scattered(self, noise: FloatArray) -> FloatArray:
+        """`place` with noise (n, 3), m, of the directions in which it scatters."""
+        off = noise if self.axes is None else np.einsum("nij,nj->ni", self.axes, noise)
+        return np.asarray(self.place + off)
 
     @property
     def place(self) -> FloatArray:
@@ -69,6 +82,8 @@ class Observed(Displayable):
     @property
     def in_sight(self) -> BoolArray:
         """(n,) whether something is seen: of a board, half of its points."""
+        if self.sighted is not None:
+            return self.sighted
         if self.pixels is None:
             parts = (self.position, self.rotation, *self.numbers.values())
             return np.ones(next(len(p) for p in parts if p is not None), dtype=np.bool_)

@@ -16,7 +16,8 @@ import casadi as ca
 from suta_calib.geometry.lens import Lens
 from suta_calib.geometry.symbols import Symbol
 from suta_calib.terms.block import Pose, Residual, pose_of
-from suta_calib.terms.hand_eye_start import EYE_IN_HAND, EyeSetup
+from suta_calib.terms.eye import point_in_eye
+from suta_calib.terms.hand_eye_start import EyeSetup
 from suta_calib.terms.length_scale import stretched_point
 
 # Nearest that a point is taken to be to a camera while a solver looks for it, m.
@@ -42,10 +43,8 @@ def reprojection(setup: EyeSetup, lens: Lens, free: bool, stretched: bool) -> Re
         board, point = pose_of(unknowns[6:12]), data[2:5]
         if stretched:
             point = stretched_point(point, unknowns[-2:])
-        point = board.R @ point + board.p
-        hand = poses[0]
-        by_hand = hand.inverse_act(point) if setup == EYE_IN_HAND else hand.R @ point + hand.p
-        in_eye = pose_of(unknowns[0:6]).inverse_act(by_hand)
+        beside = board.R @ point + board.p
+        in_eye = point_in_eye(poses[0], pose_of(unknowns[0:6]), beside, setup)
         count = len(lens.names)
         intrinsics = unknowns[12 : 12 + count] if free else data[6 : 6 + count]
         depth = in_eye[2] if lens.sees_behind else ca.fmax(in_eye[2], NEAREST)

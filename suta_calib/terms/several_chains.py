@@ -52,7 +52,9 @@ def labelled(term: Term, arm: ArmModel) -> Term:
     """The same of a term that may have the columns of all chains already, and labels of one."""
     poses = term.poses
     assert isinstance(poses, ArmPoses)
-    ends: tuple[tuple[str, End], ...] = ((term.place, "base"), (term.mark, "tip"))
+    ends: list[tuple[str, End]] = [(term.place, "base")]
+    if not term.marks_on_body:
+        ends.append((term.mark, term.mark_end))
     samples, labels, given = poses.samples, dict[str, Any](), dict(term.given)
     for column, end in ends:
         if column not in samples.labels:

@@ -28,7 +28,7 @@ from suta_calib.measurements import Artefact, Board, SampleColumns, YamlSection
 from suta_calib.measurements.fields import Field, Fields
 from suta_calib.measurements.samples import STROKE
 from suta_calib.measurements.scale import LengthScale
-from suta_calib.model.parameters import Parameter
+from suta_calib.model.parameters import End, Parameter
 from suta_calib.terms.block import Block, first_of_each, joined, numbered, same_touches
 from suta_calib.terms.clock import TimeOffset, clocked
 from suta_calib.terms.external_frame import ExternalFrame, frames_of
@@ -214,6 +214,18 @@ class Term(GivenPlaces):
         return Fields(*cls.keys, *cls.simulation_keys).values(row)
 
     @classmethod
+    def columns_in(cls, settings: Mapping[str, Any]) -> SampleColumns:
+        """What its samples hold where a row of a job says this, as `read_settings` gives it."""
+        del settings
+        return cls.columns
+
+    @classmethod
+    def marks_in(cls, settings: Mapping[str, Any]) -> Sequence[str]:
+        """Marks that a simulation sees at every rest because its settings say so."""
+        del settings
+        return ()
+
+    @classmethod
     def touches(
         cls,
         rotation: FloatArray,
@@ -332,6 +344,16 @@ class Term(GivenPlaces):
         return self.mark in self.poses.samples.labels
 
     @property
+    def mark_end(self) -> End:
+        """Which end of the chain its marks move with."""
+        return "tip"
+
+    @property
+    def marks_on_body(self) -> bool:
+        """Whether its marks are points of one body, which has the label, and no unknowns."""
+        return False
+
+    @property
     def touched(self) -> Artefact | None:
         """The artefact whose landmarks are touched, if there is one."""
         return None
@@ -366,7 +388,7 @@ class Term(GivenPlaces):
             what, _, within = frame.key.partition("_in_")
             words[frame.owner] = (what, within)
         if self.mark:
-            words[self.mark] = (self.mark, "tip")
+            words[self.mark] = (self.mark, self.mark_end)
         return tuple(frames_of(owners, words))
 
     @property

@@ -140,6 +140,15 @@ CASES = {
         ),
         place="hand_eye.x",
     ),
+    "points": Case(
+        "points",
+        *(
+            f"    samples: {n}\n    camera_pose: {{position_mm: [20, -50, 80]}}\n"
+            "    points: {A: {position_mm: [400, 200, -100]}, B: {position_mm: [450, 300, -80]}}\n"
+            for n in (30, 10)
+        ),
+        place="point[A].x",
+    ),
     "gravity": Case(
         "gravity", "    samples: 40\n", "    samples: 15\n", place="sensor.rx", unit="deg"
     ),

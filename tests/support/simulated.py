@@ -20,6 +20,7 @@ import pytest
 from suta_calib.arrays import FloatArray
 from suta_calib.geometry.numbers import rotation_from_rpy, rotation_from_vector
 from suta_calib.measurements import Artefact, Camera, Chessboard, Landmark, LengthScale, Samples
+from suta_calib.measurements.depth_noise import DepthNoise
 from suta_calib.model.arm import ArmModel
 from suta_calib.model.parameters import ParameterSet, Selection
 from suta_calib.simulation.inverse_kinematics import InverseKinematics, Targets
@@ -461,6 +462,68 @@ def camera_scene(
         settings=settings,
         pixels=seen.pixels[rows],
     )
+
+
+# Centres of balls beside one another, in what carries them, m.
+BALLS = ((0.0, 0.0, 0.0), (0.12, 0.02, 0.01), (-0.03, 0.1, 0.05))
+
+
+def points_scene(
+    arm: ArmModel,
+    truth: dict[str, float],
+    n: int = 20,
+    *,
+    setup: str = "eye-in-hand",
+    board: bool = False,
+    stated: bool = False,
+) -> Scene:
+    """A depth camera on the tip sees balls or a board, or one beside the arm those on the tip."""
+    settings: dict[str, Any] = {"setup": setup, "depth_noise": DepthNoise((4e-5, 8e-5), 6e-5)}
+    if board:
+        settings["board"] = Chessboard(4, 3, 0.04)
+    q = random_readings(arm, np.random.default_rng(9), 100 * n)
+    (turn,), (place,) = arm.forward(q[:1], truth)
+    held = rotation_from_vector([0.1, 0.2, -1.5]), np.array([0.02, -0.05, 0.08])
+    # At the first posture what is looked at is half a metre ahead of the camera.
+    ahead, carried = np.array([-0.06, -0.04, 0.5]), (turn @ held[0], turn @ held[1] + place)
+    eye, seen = (
+        (held, (carried[0], carried[0] @ ahead + carried[1]))
+        if setup == "eye-in-hand"
+        else ((carried[0], carried[1] - carried[0] @ ahead), held)
+    )
+    values = {**truth, **_six("hand_eye", *eye)}
+    if board:
+        values |= _six("target", *seen)
+    for k, at in () if board else enumerate(BALLS):
+        point = seen[0] @ np.array(at) + seen[1]
+        values |= {f"point[B{k}].{c}": float(x) for c, x in zip("xyz", point, strict=True)}
+    marks = [str(m) for m in range(12)] if board else [f"B{k}" for k in range(len(BALLS))]
+    kind = KINDS["points"]
+
+    def term(q: FloatArray, names: Sequence[str]) -> Term:
+        labels = {"point": [*names] * (len(q) // len(names)), "image": ["0"] * len(q)}
+        blank = Samples.from_arrays(arm.joints, q, labels=labels, position=np.zeros((len(q), 3)))
+        return kind.over(ArmPoses(arm, blank), Setup(settings=settings))
+
+    first = term(q, marks[:1])
+    rows = np.flatnonzero(first.observed(values, first.poses).in_sight)[:n]
+    assert len(rows) == n, f"the points are in sight in {len(rows)} postures"
+    q = np.repeat(q[rows], len(marks), axis=0)
+    all_seen = term(q, marks)
+    place = all_seen.observed(values, all_seen.poses).place
+    labels = {"point": marks * n, "image": [f"{k}.png" for k in range(n) for _ in marks]}
+    turned = np.tile(np.eye(3), (len(q), 1, 1))
+    scene = Scene(
+        *("points", arm, truth, q, False, place, turned, labels, ("position",)), settings=settings
+    )
+    spread = np.exp(np.random.default_rng(6).uniform(-np.log(3.0), np.log(3.0), place.shape))
+    return replace(scene, stated=5e-5 * spread) if stated else scene
+
+
+def _six(owner: str, rotation: FloatArray, position: FloatArray) -> dict[str, float]:
+    """The unknowns of a pose by name."""
+    names = [p.name for p in pose_parameters(owner)]
+    return dict(zip(names, pose_values(rotation, position).tolist(), strict=True))
 
 
 def read_again(samples: Samples, times: int, seed: int, jitter: float = 1e-6) -> Samples:

@@ -26,6 +26,7 @@ from simulated import (
     perturbed,
     placements,
     plane_scene,
+    points_scene,
     range_scene,
     tracked_scene,
 )
@@ -127,6 +128,22 @@ CASES = {
     "camera_view beside": case(
         "camera_view",
         lambda arm, truth: camera_scene(arm, truth, setup="eye-to-hand"),
+        *("joint_6.offset", "tip.y", "tip.z"),
+    ),
+    "points": case("points", points_scene, "joint_6.offset", "tip.y", "tip.z"),
+    "points on the tip": case(
+        "points",
+        lambda arm, truth: points_scene(arm, truth, setup="eye-to-hand"),
+        *("joint_6.offset", "tip.y", "tip.z"),
+    ),
+    "points of a board": case(
+        "points",
+        lambda arm, truth: points_scene(arm, truth, board=True),
+        *("joint_6.offset", "tip.y", "tip.z"),
+    ),
+    "points that state their noise": case(
+        "points",
+        lambda arm, truth: points_scene(arm, truth, stated=True),
         *("joint_6.offset", "tip.y", "tip.z"),
     ),
 }

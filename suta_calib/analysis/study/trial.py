@@ -397,7 +397,7 @@ class _Noisy:
             return poses.with_samples(replace(samples, pixels=pixels))
         if ideal.position is not None:
             scatter = noise["position"] * relative * normal(ideal.position.shape)
-            samples = replace(samples, position=ideal.position + scatter)
+            samples = replace(samples, position=ideal.scattered(scatter))
         if ideal.rotation is not None and "rotation" in noise:
             samples = replace(samples, rotation=self.turned(ideal.rotation, noise["rotation"]))
         numbers = {n: v + noise[n] * normal(v.shape) for n, v in ideal.numbers.items()}

@@ -1,0 +1,105 @@
+"""Points that a depth camera saw: ``points.csv``, columns image, point, x, y, z."""
+
+from __future__ import annotations
+
+import csv
+import io
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from suta_calib.arrays import FloatArray
+from suta_calib.display import Displayable
+from suta_calib.errors import SamplesError
+from suta_calib.measurements.csv_table import (
+    SIGMAS,
+    position_sigma_columns,
+    position_sigmas,
+    positions,
+    read_csv_table,
+)
+from suta_calib.measurements.files import write_text
+
+
+@dataclass(frozen=True, eq=False)
+class SeenPoints(Displayable):
+    """Which point was seen where by a depth camera, in which picture. Immutable.
+
+    Attributes:
+        image: (n,) the picture's name, or that of its cloud.
+        point: (n,) name of the point: a board's number of its corner, or what a ball is called.
+        position: (n, 3) in the camera, m: x to the right, y down, z ahead.
+        sigma: (n, 3) standard deviation of each coordinate, m; None where nobody says it.
+        path: the file it was read from, or None.
+        lines: (n,) line of every row in it, from 1; empty without a file.
+    """
+
+    image: NDArray[np.str_]
+    point: NDArray[np.str_]
+    position: FloatArray
+    sigma: FloatArray | None = None
+    path: Path | None = None
+    lines: tuple[int, ...] = ()
+
+    def __len__(self) -> int:
+        return len(self.image)
+
+    def origin(self, row: int) -> str:
+        """A row in a message: its line, or its picture and point."""
+        if self.lines:
+            return f"{self.path}:{self.lines[row]}"
+        return f"image {self.image[row]}, point {self.point[row]}"
+
+
+def read_seen_points(path: str | Path) -> SeenPoints:
+    """Read ``points.csv``; x, y, z may be in mm (``x_mm``), and sigmas may stand beside them.
+
+    Raises:
+        SamplesError: unreadable, a column missing, a value that is none, or a point twice in one
+            picture.
+    """
+    table = read_csv_table(Path(path))
+    image = table.labels("image", "a column with the picture's name")
+    point = table.labels("point", "a column with the point's name, or the corner's number")
+    stated = any(name in table.columns for name in position_sigma_columns())
+    sigma = position_sigmas(table) if stated else None
+    points = SeenPoints(image, point, positions(table), sigma, table.path, table.lines)
+    first: dict[tuple[str, str], int] = {}
+    for row, key in enumerate(zip(image.tolist(), point.tolist(), strict=True)):
+        if key in first:
+            raise SamplesError(
+                f"the same point as in line {table.lines[first[key]]}",
+                "each point only once per picture",
+                file=points.path,
+                line=table.lines[row],
+                where=f"image {key[0]}, point {key[1]}",
+                hint="if there are two balls or boards in one picture, give their points "
+                "different names",
+            )
+        first[key] = row
+    return points
+
+
+def seen_points_text(points: SeenPoints) -> str:
+    """Content of ``points.csv``; lengths to a micrometre, far below what a depth camera sees."""
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    sigmas = () if points.sigma is None else SIGMAS
+    writer.writerow(["image", "point", "x", "y", "z", *sigmas])
+    numbers = (
+        points.position if points.sigma is None else np.hstack([points.position, points.sigma])
+    )
+    for image, point, row in zip(points.image, points.point, numbers, strict=True):
+        writer.writerow([image, point, *(f"{number:.6f}" for number in row)])
+    return text.getvalue()
+
+
+def write_seen_points(path: Path, points: SeenPoints) -> None:
+    """Write ``points.csv``: `seen_points_text`.
+
+    Raises:
+        OutputError: the file cannot be written; what was there is untouched.
+    """
+    write_text(path, seen_points_text(points))

@@ -1,0 +1,617 @@
+"""A depth camera sees points in 3-D: the corners of a board, or the centres of balls."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cache, cached_property
+from typing import Any, ClassVar, Final, Self
+
+import casadi as ca
+import numpy as np
+
+from suta_calib.arrays import FloatArray, IntArray
+from suta_calib.assessment import Level
+from suta_calib.errors import SamplesError, SutaCalibWarning
+from suta_calib.geometry.numbers import extent, register_points
+from suta_calib.geometry.symbols import Symbol
+from suta_calib.measurements import Board, SampleColumns, YamlSection, read_board
+from suta_calib.measurements.depth_noise import TYPICAL, DepthNoise, ray_axes
+from suta_calib.measurements.fields import FILE, TEXT, Field, Fields, Value, choice, mapping
+from suta_calib.measurements.pose_files import FAR, NEAR
+from suta_calib.measurements.seen_points import SeenPoints, read_seen_points
+from suta_calib.model.parameters import PLACEMENT, POSITION, End, Parameter
+from suta_calib.terms.block import LEARNT, Block, Noise, Pose, Residual, flat, grouped, pose_of
+from suta_calib.terms.checks import check_unit
+from suta_calib.terms.external_frame import (
+    ExternalFrame,
+    labelled,
+    point_named,
+    point_parameters,
+    pose_named,
+    pose_parameters,
+    pose_values,
+)
+from suta_calib.terms.eye import point_in_eye, points_in_eye
+from suta_calib.terms.hand_eye_start import (
+    EYE_IN_HAND,
+    EYE_TO_HAND,
+    FEWEST,
+    EyeSetup,
+    Poses,
+    agreeing_hand_eye,
+    as_eye_in_hand,
+    inverse_poses,
+    some_poses,
+)
+from suta_calib.terms.instrument_terms import SEEN_UNIT, FramedTerm
+from suta_calib.terms.length_scale import stretch_factors, stretch_parameters, stretched_point
+from suta_calib.terms.observed import Observed, TrueFrame
+from suta_calib.terms.poses import ArmPoses, PoseSource
+from suta_calib.terms.setup import Setup
+from suta_calib.terms.target_start import instrument_and_targets
+from suta_calib.terms.term import Gap, Term
+from suta_calib.units import mm
+from suta_calib.words import listed
+
+# Second over first singular value of points that are on a line.
+_LINE: Final = 1e-3
+# Half the opening of a depth camera's view, as the slope of its edge: 2 · 31°.
+_EDGE: Final = 0.6
+
+
+@cache  # What was compiled for a residual is found again by it.
+def _off(setup: EyeSetup, on_board: bool, stretched: bool) -> Residual:
+    """The residual of a point: across the ray and along it, over how well each is known.
+
+    Args:
+        setup: the eye is on the hand, or stands in the base.
+        on_board: whether the points are those of a board whose pose is unknown.
+        stretched: whether the board's stretch is unknown too.
+    """
+
+    def residual(poses: Sequence[Pose], unknowns: Symbol, data: Symbol) -> Symbol:
+        point, axes = unknowns[6:9], ca.reshape(data[3:12], 3, 3)
+        if on_board:
+            board, point = pose_of(unknowns[6:12]), data[15:18]
+            if stretched:
+                point = stretched_point(point, unknowns[-2:])
+            point = board.R @ point + board.p
+        off = point_in_eye(poses[0], pose_of(unknowns[0:6]), point, setup) - data[:3]
+        return (axes.T @ off) / data[12:15]
+
+    return residual
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class DepthPoints(FramedTerm):
+    """``(T_base_hand,i X)⁻¹ P_k - z_ik`` for every point k that a depth camera saw at row i.
+
+    X = ``T_hand_eye`` is unknown. The points P_k are anywhere, each unknown; or they are those of a
+    board, ``P_k = Z p_k``, whose pose Z = ``T_base_board`` is unknown. With the camera beside the
+    arm X = ``T_base_eye``, the points are on the hand, and Z = ``T_hand_board``. It is
+    `tracked_point` with its marks, seen from the other end of the arm.
+
+    The residual is along and across the ray to the point, each over its standard deviation by the
+    distance (`DepthNoise`), or in the camera's axes over what the rows state. One factor on all of
+    it is learnt. Points of one picture share where the arm really was: they are one cluster.
+
+    Attributes:
+        poses: samples with a position in the camera, and the label point; of one point without it.
+        board: whose points they are, their labels its numbers; None for points anywhere.
+        setup: the camera is on the hand, or beside the arm.
+        depth_noise: how it scatters by distance; learnt from the board, or else that of a typical
+            camera.
+        noise: scatter and robustness, m of a typical coordinate.
+        label: terms with the same label share the camera.
+        target: terms with the same one share the board.
+        weights: the noise by distance that is used; rows that are taken keep that of the whole.
+        typical_sigma: as of `TrackedPoint`, of the coordinates of the residual.
+
+    Raises:
+        SamplesError: the samples hold no positions, or points that the board does not have.
+    """
+
+    kind = "points"
+    order = 10
+    about = (
+        "a depth camera on the tip saw points at x, y, z in its frame (m): corners of a board "
+        "(board), or centres of balls anywhere, each named in a column point. With setup: "
+        "eye-to-hand the camera is beside the arm, and the points are on the tip. The poses of "
+        "camera and board, or the places of the points, are estimated too"
+    )
+    columns = SampleColumns(
+        position=True,
+        position_sigma=True,
+        common_labels=("point", "image"),
+        about={
+            "x, y, z": "The point in the camera: x to the right, y down, z ahead.",
+            "sigma_x, sigma_y, sigma_z": "Standard deviation of each, or one sigma of all three "
+            "(m, or mm with _mm); without them the noise follows from the distance.",
+            "point": "Name of the point: the number of the board's corner, or any name of a ball.",
+            "image": "The picture or the cloud it was seen in.",
+        },
+    )
+    medium = "camera"
+    mark = "point"
+    has_angles = False
+    keys = (
+        Field(
+            "points",
+            FILE,
+            "Points in the pictures: points.csv (image, point, x, y, z). The samples then have one "
+            "row for each picture, with its name in a column image.",
+        ),
+        Field(
+            "board",
+            Value("file", lambda row, key: read_board(row.existing_file(key))),
+            "The board.yaml, if the points are its corners.",
+        ),
+        Field(
+            "setup",
+            choice((EYE_IN_HAND, EYE_TO_HAND)),
+            "eye-in-hand (the default), or eye-to-hand: the points on the tip.",
+        ),
+        Field("target", TEXT, "Label of the board, where there are several."),
+        Field(
+            "depth_noise",
+            mapping(DepthNoise),
+            "Standard deviation of a point by its distance. One factor on it is learnt. Default: "
+            "learnt from how the board's points scatter; without a board, that of a typical "
+            "depth camera.",
+        ),
+    )
+    measured_keys = ("points", "target")
+    files: ClassVar[Mapping[str, str]] = {"points.csv": "image,point,x,y,z\n"}
+    groupings: ClassVar[Mapping[str, tuple[str, ...]]] = {
+        "point": ("point",),
+        "image": ("image",),
+        "row": (),
+    }
+    frames = (
+        TrueFrame(
+            *("hand_eye", "camera_pose"),
+            "the camera's pose: on the tip, or in the base for eye-to-hand",
+            required=True,
+        ),
+        TrueFrame(
+            *("target", "board_pose"),
+            "the board's pose: in the base, or on the tip for eye-to-hand",
+            required=False,
+        ),
+    )
+    chance = 0.02
+    leaves_open: ClassVar[Mapping[Gap, tuple[str, str]]] = {
+        "tool": (
+            "moves the tip in the last link. The camera does not see this, because the unknown "
+            "pose of the camera, or of the points, on the tip cancels it",
+            "touch one fixed point from several directions (fixed_point); not needed if only the "
+            "camera matters",
+        )
+    }
+
+    board: Board | None = None
+    setup: EyeSetup = EYE_IN_HAND
+    depth_noise: DepthNoise | None = None
+    noise: Noise = LEARNT
+    label: str = "default"
+    target: str = "default"
+    weights: DepthNoise | None = None
+    typical_sigma: float | None = None
+
+    def __post_init__(self) -> None:
+        if self.weights is None:
+            learnt = self.depth_noise or DepthNoise.learnt(self._pictures) or TYPICAL
+            object.__setattr__(self, "weights", learnt)
+        if self.typical_sigma is None:
+            typical = float(np.exp(np.mean(np.log(self._scatter[1]))))
+            object.__setattr__(self, "typical_sigma", typical)
+        super().__post_init__()
+
+    # ── from files ────────────────────────────────────────────────────────────────────────────
+    @classmethod
+    def columns_in(cls, settings: Mapping[str, Any]) -> SampleColumns:
+        """One row for each picture where the points have a file of their own."""
+        if "points" not in settings:
+            return cls.columns
+        return SampleColumns(labels=("image",), about={"image": cls.columns.about["image"]})
+
+    @classmethod
+    def over(cls, poses: PoseSource, setup: Setup) -> Self:
+        """Build it from a row of a job file, the points of their file in its pictures."""
+        given = dict(setup.settings)
+        file = given.pop("points", None)
+        if file is not None:
+            poses = _with_points(poses, read_seen_points(file))
+        return cls(poses, noise=setup.noise, label=setup.label, **given)
+
+    @classmethod
+    def read_settings(cls, row: YamlSection) -> dict[str, Any]:
+        """Its keys; where ``points`` are places by name, a simulation reads them by itself."""
+        places = isinstance(row.data.get("points"), dict)
+        return Fields(*cls.keys).values(row, without=("points",) if places else ())
+
+    @classmethod
+    def marks_in(cls, settings: Mapping[str, Any]) -> Sequence[str]:
+        """The corners of the board, where there is one."""
+        board = settings.get("board")
+        return () if board is None else [str(number) for number in board.points]
+
+    @property
+    def settings(self) -> Mapping[str, Any]:
+        """Board, where the camera is, and its noise."""
+        names = ("board", "setup", "depth_noise", "target", "weights", "typical_sigma")
+        return {name: getattr(self, name) for name in names}
+
+    # ── who is unknown ────────────────────────────────────────────────────────────────────────
+    @property
+    def board_seen(self) -> Board | None:
+        """The board, if there is one."""
+        return self.board
+
+    @property
+    def _ends(self) -> tuple[End, End]:
+        """Of what carries the camera, and of what carries the points."""
+        return ("tip", "base") if self.setup == EYE_IN_HAND else ("base", "tip")
+
+    @property
+    def mark_end(self) -> End:
+        """The other end than the camera's."""
+        return self._ends[1]
+
+    @property
+    def marks_on_body(self) -> bool:
+        """Those of a board are."""
+        return self.board is not None
+
+    @property
+    def sees(self) -> str:
+        """The label of the camera, beside those of other chains."""
+        return self.poses.label(self.label, self._ends[0])
+
+    @property
+    def frame_names(self) -> list[str]:
+        """Owners of the poses of camera and board."""
+        eye, board = (frame.owner for frame in self.frames)
+        return [
+            labelled(eye, self.sees),
+            labelled(board, self.poses.label(self.target, self._ends[1])),
+        ]
+
+    @cached_property
+    def _points(self) -> tuple[list[str], IntArray]:
+        """Names of the points, and which of them each row saw, (n,); one where none is named."""
+        labels = self.poses.samples.labels.get(self.mark)
+        return ([""], np.zeros(len(self.poses), np.intp)) if labels is None else grouped(labels)
+
+    @property
+    def _point_owners(self) -> list[str]:
+        return [f"{self.mark}[{name}]" if name else self.mark for name in self._points[0]]
+
+    @property
+    def outside(self) -> tuple[ExternalFrame, ...]:
+        """The camera, and the board or the points."""
+        (eye, board), (of_eye, of_points) = self.frame_names, self._ends
+        seen = (
+            [ExternalFrame(board, "board", of_points, PLACEMENT)]
+            if self.board is not None
+            else [ExternalFrame(o, self.mark, of_points, POSITION) for o in self._point_owners]
+        )
+        return (ExternalFrame(eye, "camera", of_eye, PLACEMENT), *seen)
+
+    @cached_property
+    def own_parameters(self) -> tuple[Parameter, ...]:
+        """The pose of the camera, then the board's pose and stretch, or the points."""
+        eye, board = self.frame_names
+        if self.board is None:
+            points = (p for owner in self._point_owners for p in point_parameters(owner))
+            return (*pose_parameters(eye), *points)
+        stretch = stretch_parameters(board, self._stretch)
+        return (*pose_parameters(eye), *pose_parameters(board), *stretch)
+
+    @property
+    def _stretch(self) -> float | None:
+        """The prior of the board's stretch; of poses that were measured it is not estimated."""
+        of_arm = self.board is not None and isinstance(self.poses, ArmPoses)
+        return self.board.stretch if of_arm and self.board is not None else None
+
+    # ── what was seen ─────────────────────────────────────────────────────────────────────────
+    @property
+    def _measured(self) -> FloatArray:
+        if self.poses.samples.position is None:
+            raise self.refuse("no positions", "columns x, y, z in the camera's frame")
+        return self.poses.samples.position
+
+    @cached_property
+    def _on_board(self) -> FloatArray:
+        """(n, 3) where on the board the point of each row is, m."""
+        assert self.board is not None
+        names, which = self._points
+        places = []
+        for name in names:
+            known = name.isdecimal() and int(name) in self.board.points
+            if not known:
+                raise self.refuse(
+                    f"point {name!r}" if name else "no column point",
+                    f"{self.board.numbering} ({self.board.type})",
+                    hint="check whether the points and the board belong together",
+                )
+            places.append(self.board.points[int(name)])
+        return np.array(places)[which]
+
+    @cached_property
+    def _picture(self) -> IntArray:
+        """(n,) which picture, from 0, each row is of: by its name, or by the rest of the arm."""
+        images = self.poses.samples.labels.get("image")
+        return self.poses.rests if images is None else grouped(images)[1]
+
+    @cached_property
+    def _pictures(self) -> list[tuple[FloatArray, FloatArray]]:
+        """Points on the board and in the camera, of each picture that tells the board's pose."""
+        if self.board is None:
+            return []
+        return [(self._on_board[rows], self._measured[rows]) for rows in self._posed]
+
+    @cached_property
+    def _posed(self) -> list[IntArray]:
+        """Rows of each picture with points that are not on a line."""
+        order = np.argsort(self._picture, kind="stable")
+        ends = np.flatnonzero(np.diff(self._picture[order])) + 1
+        return [rows for rows in np.split(order, ends) if _spread_out(self._on_board[rows])]
+
+    @cached_property
+    def _scatter(self) -> tuple[FloatArray, FloatArray]:
+        """Axes (n, 3, 3) in which coordinates scatter by themselves, and (n, 3) by how much, m."""
+        stated, seen = self.poses.samples.position_sigma, self._measured
+        if stated is not None:
+            return np.tile(np.eye(3), (len(seen), 1, 1)), stated
+        assert self.weights is not None
+        return ray_axes(seen), self.weights.sigmas(seen[:, 2])
+
+    @cached_property
+    def blocks(self) -> tuple[Block, ...]:
+        """Where points are off, across the ray and along it."""
+        assert self.typical_sigma is not None
+        (axes, sigma), n, which = self._scatter, len(self.poses), self._points[1]
+        relative = sigma / self.typical_sigma
+        data = [self._measured, flat(axes), relative]
+        if self.board is None:
+            points = 6 + 3 * which[:, None] + np.arange(3)
+            own_columns = np.hstack([np.tile(np.arange(6), (n, 1)), points])
+        else:
+            data.append(self._on_board)
+            own_columns = np.tile(np.arange(len(self.own_parameters)), (n, 1))
+        noise = self.noise
+        if noise.sigma is None:
+            noise = replace(noise, sigma=self.typical_sigma)
+        residual = _off(self.setup, self.board is not None, self._stretch is not None)
+        block = Block.per_sample(
+            *("position", "m", 3, residual, own_columns, np.hstack(data), noise),
+            self.poses.samples.origin,
+        )
+        return (replace(block, relative=relative, typical=self.typical_sigma),)
+
+    def readings(self, block: Block) -> IntArray:
+        """A point that is seen again at the same rest is the same reading."""
+        del block
+        return np.column_stack([self.poses.rests, self._points[1]])
+
+    def observed(self, values: Mapping[str, float], poses: PoseSource) -> Observed:
+        """The points as the camera sees them; in sight are those ahead, within a cone of 62°.
+
+        Without a column point, the middle of all that are known.
+        """
+        labels = poses.samples.labels.get(self.mark)
+        known = self._places(values)
+        if labels is None:
+            points = np.tile(np.mean([*known.values()], axis=0), (len(poses), 1))
+        else:
+            names, which = grouped(labels)
+            points = np.array([known[name] for name in names])[which]
+        eye = pose_named(values, self.frame_names[0])
+        seen = points_in_eye(poses.at(values), eye, points, self.setup)
+        ahead = seen[:, 2] > np.linalg.norm(seen[:, :2], axis=1) / _EDGE
+        sigma = None if self.depth_noise is None else self.depth_noise.sigmas(seen[:, 2])
+        return Observed(seen, axes=self._axes_at(seen), sigma=sigma, sighted=ahead)
+
+    def _places(self, values: Mapping[str, float]) -> dict[str, FloatArray]:
+        """By name, where all points are that these values know, in what carries them, m."""
+        if self.board is None:
+            owners = [n.removesuffix(".x") for n in values if n.endswith(".x")]
+            mine = [n for n in owners if n == self.mark or n.startswith(f"{self.mark}[")]
+            # A single one, that has no name, counts where no other does.
+            named = [n for n in mine if n != self.mark] or mine
+            return {n.partition("[")[2].removesuffix("]"): point_named(values, n) for n in named}
+        R, p = pose_named(values, self.frame_names[1])
+        factors = stretch_factors(self.own_parameters, values)
+        return {str(k): R @ (factors * at) + p for k, at in self.board.points.items()}
+
+    def _axes_at(self, seen: FloatArray) -> FloatArray | None:
+        stated = self.poses.samples.position_sigma is not None
+        return None if stated else ray_axes(seen)
+
+    # ── where the solver starts ───────────────────────────────────────────────────────────────
+    def start(self, rotation: FloatArray, position: FloatArray) -> FloatArray:
+        """By the board's pose in every picture; or of points, as targets of an instrument.
+
+        From the carrier of the camera, what carries the points moves: the camera is the instrument
+        that stands there, and the points are its targets.
+        """
+        carrier = as_eye_in_hand((rotation, position), self.setup)
+        rest = np.zeros(2 if self._stretch is not None else 0)
+        if self.board is not None and len(self._posed) >= FEWEST:
+            X, Z = self._by_pictures(carrier)
+            return np.concatenate([pose_values(*X), pose_values(*Z), rest])
+        which = self._points[1]
+        R, p, points = instrument_and_targets(inverse_poses(carrier), self._measured, which)
+        eye = pose_values(*inverse_poses((R, p)))
+        if self.board is None:
+            return np.concatenate([eye, points.reshape(-1)])
+        Z = register_points(self._on_board, points[which])
+        return np.concatenate([eye, pose_values(*Z), rest])
+
+    def _by_pictures(self, carrier: Poses) -> tuple[Poses, Poses]:
+        registered = [register_points(*pair) for pair in self._pictures]
+        seen = np.array([R for R, _ in registered]), np.array([p for _, p in registered])
+        first = np.array([rows[0] for rows in self._posed])
+        return agreeing_hand_eye(some_poses(carrier, first), seen)
+
+    # ── what is refused, or doubted ───────────────────────────────────────────────────────────
+    def check_enough(self) -> None:
+        """Three pictures at least; each point anywhere seen twice; of this board, in m."""
+        pictures = len(np.unique(self._picture))
+        if pictures < FEWEST:
+            expected = f"at least {FEWEST}, with the hand turned about different axes"
+            raise self.refuse(f"points at {pictures} postures", expected)
+        names, which = self._points
+        if self.board is not None:
+            self._check_size()
+            return
+        for name, rows in zip(names, np.bincount(which), strict=True):
+            if rows < 2:
+                raise self.refuse(
+                    f"point {name} seen once",
+                    "every point seen at least twice, because its place is unknown",
+                    hint="is its label misspelt?",
+                )
+        away = float(np.median(np.linalg.norm(self._measured, axis=1)))
+        if isinstance(self.poses, ArmPoses) and not NEAR <= away <= FAR:
+            seen = self._measured
+            expected = "the points' positions in the camera, in m"
+            check_unit(self, "the points", extent(seen), extent, expected, SEEN_UNIT)
+
+    def _check_size(self) -> None:
+        """Refuse points that lie apart as no points of this board do."""
+        size = self._size
+        # What is wrong with a depth camera's scale, or a printed board's, is a few per cent.
+        most = 0.1
+        if size is None or abs(size[0] - 1.0) <= most:
+            return
+        times = size[0]
+        # What a unit, taken for another one, is off by; a tenth of it is left for the rest.
+        units = {1000.0: "mm, where m are expected", 25.4: "inches, where mm are expected"}
+        units |= {1 / factor: _exchanged(text) for factor, text in units.items()}
+        like = [text for factor, text in units.items() if abs(times / factor - 1.0) < most]
+        far_off = f"{times:.3g} times as far apart as board.yaml has them"
+        hint = (
+            f"the points seem to be in {like[0]}: use columns x_mm, y_mm, z_mm for mm, and "
+            "suta-calib detect --depth-unit for pictures of depth"
+            if like
+            else "check the size of the squares in board.yaml, the unit of the depth, and the "
+            "camera's file"
+        )
+        raise self.refuse(f"points of the board {far_off}", "its points, in m", hint)
+
+    @cached_property
+    def _size(self) -> tuple[float, float] | None:
+        """How many times as large as its file says the board is seen, with its ±."""
+        sizes = [
+            float(np.sum((b @ R.T) * (s - s.mean(axis=0))) / np.sum(b**2))
+            for on_board, s in self._pictures
+            for b in [on_board - on_board.mean(axis=0)]
+            for R, _ in [register_points(on_board, s)]
+        ]
+        if not sizes:
+            return None
+        spread = float(np.std(sizes, ddof=1)) if len(sizes) > 1 else np.inf
+        return float(np.median(sizes)), spread / np.sqrt(len(sizes))
+
+    @property
+    def doubts(self) -> Mapping[str, Level]:
+        """Points behind the camera or beside it; a board of another size than its file says."""
+        doubts = dict[str, Level]()
+        seen = self._measured
+        ahead = seen[:, 2] > np.linalg.norm(seen[:, :2], axis=1) / 2.0
+        if ahead.mean() < 0.5:
+            x_ahead = seen[:, 0] > np.linalg.norm(seen[:, 1:], axis=1) / 2.0
+            looks = (
+                "They look like a camera's body axes (x ahead, y left, z up), as ROS has them "
+                "beside the optical ones"
+                if x_ahead.mean() > 0.5
+                else "No depth camera looks there"
+            )
+            doubts[
+                f"{np.mean(~ahead):.0%} of the points are not in front of the camera (z ahead). "
+                f"{looks}: the pose of the camera is then that of this other frame, and the noise "
+                "by distance is wrong. Give the points in the optical frame: x to the right, y "
+                "down, z ahead."
+            ] = "care"
+        if self._size is not None:
+            times, std = self._size
+            # A tenth of a per cent is 1 mm at a metre: less is no matter with a depth camera.
+            if abs(times - 1.0) > max(1e-3, 4.0 * std):
+                doubts[
+                    f"The camera sees the board {abs(times - 1.0):.2%} ± {std:.2%} too "
+                    f"{'large' if times > 1 else 'small'}. At {_away(seen):.0f} mm that is "
+                    f"{abs(times - 1.0) * _away(seen):.2g} mm. Either its depth has another scale, "
+                    "or the squares of the board have another size: measure the board."
+                ] = "care"
+        return doubts
+
+    @property
+    def misread(self) -> Iterator[tuple[str, Term]]:
+        """Mirrored."""
+        samples = self.poses.samples
+        if samples.position is None:
+            return
+        again = replace(samples, position=samples.position * [-1.0, 1.0, 1.0])
+        # Learnt anew: what is read in another way scatters in another way.
+        yield (
+            "x has the other sign: the pictures, or the clouds, are mirrored",
+            replace(self, poses=self.poses.with_samples(again), weights=None, typical_sigma=None),
+        )
+
+
+def _away(points: FloatArray) -> float:
+    """Middle distance of points (n, 3), mm."""
+    return float(mm(np.median(np.linalg.norm(points, axis=1))))
+
+
+def _exchanged(text: str) -> str:
+    """``m, where mm are expected`` for ``mm, where m are expected``."""
+    there, _, expected = text.partition(", where ")
+    return f"{expected.removesuffix(' are expected')}, where {there} are expected"
+
+
+def _spread_out(points: FloatArray) -> bool:
+    """Whether points (n, 3) are three at least, and not on a line."""
+    if len(points) < 3:
+        return False
+    singular = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
+    return bool(singular[1] > _LINE * singular[0])
+
+
+def _with_points(poses: PoseSource, points: SeenPoints) -> PoseSource:
+    """A row for each point that was seen in the picture of a row; pictures by their names."""
+    images = [str(name) for name in poses.samples.labels["image"]]
+    rows: dict[str, list[int]] = {}
+    for k, name in enumerate(points.image.tolist()):
+        rows.setdefault(name, []).append(k)
+    pairs = [(row, k) for row, name in enumerate(images) for k in rows.get(name, [])]
+    if not pairs:
+        raise SamplesError(
+            f"images {listed([*dict.fromkeys(images)], 3)} in the samples and "
+            f"{listed([*rows], 3)} in the points",
+            "the same names in both",
+            file=points.path,
+            where="column 'image'",
+        )
+    lost = [name for name in dict.fromkeys(images) if name not in rows]
+    if lost:
+        warnings.warn(
+            f"{points.path or 'points'}: no points of {len(lost)} of {len({*images})} images "
+            f"({listed(lost, 3)}): they are left out",
+            SutaCalibWarning,
+            stacklevel=2,
+        )
+    row, seen = np.array(pairs, dtype=np.intp).T
+    samples = poses.samples.take(row)
+    samples = replace(
+        samples,
+        position=points.position[seen],
+        position_sigma=None if points.sigma is None else points.sigma[seen],
+        labels={**samples.labels, "point": points.point[seen]},
+        origin=[points.origin(k) for k in seen.tolist()],
+    )
+    return poses.take(row).with_samples(samples)
