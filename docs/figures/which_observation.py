@@ -90,6 +90,11 @@ SCENES = {
         "\n    board_pose: {position_mm: [600, 200, -100]}",
         f"{CAMERA}\n    corners: corners/set.csv",
     ),
+    "points": (
+        "\n    samples: 60\n    camera_pose: {position_mm: [20, -50, 80]}"
+        "\n    points: {A: {position_mm: [600, 200, -100]}}",
+        "",
+    ),
 }
 
 

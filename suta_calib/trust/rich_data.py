@@ -280,11 +280,14 @@ class RichData:
     ) -> tuple[Term, dict[str, float]]:
         kind, random = sort.kind, np.random.default_rng(0)
         touches = kind.medium == "touch"
-        n = math.ceil(PLACES * ROWS / kind.chance)
+        # What is not in a picture is looked at wherever it is.
+        n = math.ceil(PLACES * ROWS / (kind.chance if kind.columns.pixels else 1.0))
         place, row = np.divmod(np.arange(n) % (PLACES * ROWS), ROWS)
         artefact = _artefact(oriented=sort.oriented)
         columns = (*kind.columns.labels, *([kind.mark] if sort.marked else []))
         labels = {name: [f"{label}.{k}" for k in place] for name in columns}
+        if on_body := kind.marks_in(sort.settings):
+            labels[kind.mark] = [on_body[k % len(on_body)] for k in range(n)]
         if kind.needs_artefact:
             repeat, mark = np.divmod(row, len(artefact.landmarks))
             labels |= {"repeat": [str(k) for k in repeat], "landmark": [f"L{k}" for k in mark]}
