@@ -114,7 +114,7 @@ class DepthPoints(FramedTerm):
     """
 
     kind = "points"
-    order = 10
+    order = 13
     about = (
         "a depth camera on the tip saw points at x, y, z in its frame (m): corners of a board "
         "(board), or centres of balls anywhere, each named in a column point. With setup: "
@@ -163,7 +163,6 @@ class DepthPoints(FramedTerm):
         ),
     )
     measured_keys = ("points", "target")
-    files: ClassVar[Mapping[str, str]] = {"points.csv": "image,point,x,y,z\n"}
     groupings: ClassVar[Mapping[str, tuple[str, ...]]] = {
         "point": ("point",),
         "image": ("image",),
