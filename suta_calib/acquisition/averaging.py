@@ -1,4 +1,4 @@
-"""One reading out of many, on the circle, and how far the many scatter about it.
+"""One reading out of many, on the circle or of plain numbers, and how far the many scatter.
 
 A word that was corrupted and still passes its checks is rare but grossly wrong: the centre is a
 median first, and what lies far from it is left out of the mean.
@@ -6,8 +6,9 @@ median first, and what lies far from it is left out of the mean.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Final
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -19,6 +20,22 @@ from suta_calib.geometry.numbers import wrap
 
 # Median absolute deviation to standard deviation of a normal distribution.
 NORMAL: Final = 1.4826
+
+
+class MeanNumber(NamedTuple):
+    """Many readings of a plain number as one.
+
+    Attributes:
+        mean: of the readings that are numbers near the others; NaN where none is.
+        std: standard deviation of one of them.
+        share: how many of all readings these are.
+        step: smallest step between them, where the number is coarse; otherwise 0.
+    """
+
+    mean: float
+    std: float
+    share: float
+    step: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,6 +50,7 @@ class Average(Displayable):
         seconds: how long they were recorded.
         way: (k, n) where the arm was in the seconds before it rested, rad, oldest first; None where
             that was not seen.
+        extra: of what the device sent beside the joints, by column.
     """
 
     angles: FloatArray
@@ -41,6 +59,12 @@ class Average(Displayable):
     left_out: FloatArray
     seconds: float
     way: FloatArray | None = None
+    extra: Mapping[str, MeanNumber] = field(default_factory=dict)
+
+    @property
+    def cells(self) -> dict[str, str]:
+        """The means of `extra` as they are written."""
+        return {name: str(number.mean) for name, number in self.extra.items()}
 
 
 def unwrapped_about_median(angles: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -96,11 +120,27 @@ def average(angles: ArrayLike, seconds: float = 0.0) -> Average:
     if not angles.size:
         raise SamplesError("no readings", "at least one to average")
     centre, deviation = unwrapped_about_median(angles)
+    mean, std, left = _mean_of_most(deviation)
+    return Average(wrap(centre + mean), std, len(angles), len(angles) - left, seconds)
+
+
+def mean_number(values: FloatArray) -> MeanNumber:
+    """Mean and standard deviation of readings (k,) of a plain number at rest; NaN is no reading."""
+    numbers = values[np.isfinite(values)]
+    if not len(numbers):
+        return MeanNumber(np.nan, np.nan, 0.0, 0.0)
+    centre = float(np.median(numbers))
+    deviation = (numbers - centre)[:, None]
+    (mean,), (std,), (left,) = (each.tolist() for each in _mean_of_most(deviation))
+    return MeanNumber(centre + mean, std, left / len(values), float(steps(deviation)[0]))
+
+
+def _mean_of_most(deviation: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Of deviations (k, n) from medians: mean and standard deviation (n,), and of how many (n,)."""
     # Farther from the median than six standard deviations no honest reading lies.
     limit = np.maximum(6.0 * spread(deviation), 2 * steps(deviation) + 1e-9)
     inliers = np.abs(deviation) <= limit
     mean = np.mean(deviation, axis=0, where=inliers)
     left = inliers.sum(axis=0)
     squares = np.sum((deviation - mean) ** 2, axis=0, where=inliers)
-    std = np.sqrt(squares / np.maximum(left - 1, 1))
-    return Average(wrap(centre + mean), std, len(angles), len(angles) - left, seconds)
+    return mean, np.sqrt(squares / np.maximum(left - 1, 1)), left

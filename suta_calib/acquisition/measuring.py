@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack, closing, suppress
 from dataclasses import dataclass, field, replace
 from itertools import count, islice
@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from suta_calib.acquisition.continuous import Continuous, Swept, time_columns
+from suta_calib.acquisition.extra_columns import ExtraColumns
 from suta_calib.acquisition.guided import Guided, Keyboard
 from suta_calib.acquisition.raw import RawRecorder
 from suta_calib.acquisition.replay import RecordedStream, RecordingEnded
@@ -49,7 +50,7 @@ from suta_calib.errors import InputError, MissingExtraError
 from suta_calib.inputs import UrdfFile
 from suta_calib.job.outline import read_outline
 from suta_calib.optional_packages import load
-from suta_calib.terms import KINDS
+from suta_calib.terms import KINDS, Term
 from suta_calib.units import deg
 
 Status = Literal["complete", "incomplete", "interrupted"]
@@ -193,12 +194,17 @@ def measure(
             stack.callback(port.close)
         options.check()
         spec = None if options.device is None else read_device(options.device)
-        plan, out, surface = _plan(options)
-        joints = plan.arm.joints
         recording = None
         if spec is None:
             assert options.recording is not None
-            recording = RecordedStream(options.recording, joints)
+            recording = RecordedStream(
+                options.recording, [n for k in KINDS.values() for n in k.sent]
+            )
+            spec = recording.spec
+        plan, out, surface = _plan(options, spec.extra_columns)
+        joints = plan.arm.joints
+        if recording is not None:
+            recording.use(joints)
             spec = recording.spec
         check_folder(out.parent)
         raw = [] if options.raw is None else [options.raw]
@@ -207,8 +213,16 @@ def measure(
         stack.enter_context(only_writer(out))
         choose = ArmReadings(spec, joints)
         columns = plan.label_columns
-        if options.continuous is not None:
-            columns = (*columns, *time_columns(joints))
+        if (twice := set(columns) & set(spec.extra_columns)) != set():
+            raise InputError(
+                f"{min(twice)!r}, which is a label of these samples",
+                "another name",
+                file=spec.path,
+                where="extra_columns",
+            )
+        # What is felt in motion is more than what is wanted of a rest.
+        in_motion = options.continuous is not None
+        columns = (*columns, *(time_columns(joints) if in_motion else spec.extra_columns))
         file = SamplesFile(out, joints, columns, plan.key, resume=options.resume)
         session = _Session(options, plan, surface, spec, file, say, show)
         bus: Bus | RecordedStream
@@ -249,7 +263,8 @@ class _Session:
             )
             return
         even = not format_of(spec).has_clock
-        finder = StopFinder(plan.arm.joints, options.seconds, options.rest, even=even)
+        extra = ExtraColumns(spec.extra_columns, _kinds_over(spec.extra_columns), file.numbers)
+        finder = StopFinder(plan.arm.joints, options.seconds, options.rest, even=even, extra=extra)
         self._run = Run(plan, file, say)
         # Nobody can answer as fast as a recording is read.
         alone = options.unattended or options.recording is not None
@@ -279,7 +294,8 @@ class _Session:
             with ExitStack() as stack:
                 record = None
                 if (raw := self._raw()) is not None:
-                    recorder = RawRecorder(raw, self._spec.names, self._say)
+                    names, extra = self._spec.names, self._spec.extra_columns
+                    recorder = RawRecorder(raw, names, self._say, extra)
                     record = stack.enter_context(recorder).write
                 if not options.unattended:
                     keyboard = stack.enter_context(keyboard or Keyboard())
@@ -392,12 +408,29 @@ class _Session:
         return replace(measured, missing=run.missing, look_at=run.notes)
 
 
-def _plan(options: MeasureOptions) -> tuple[TouchSequence, Path, Surface | None]:
-    """What to measure, where it goes, and the place that a sweep goes over."""
+def _kinds_over(columns: Sequence[str]) -> list[type[Term]]:
+    """Kinds of observation that are measured at rest by these columns alone."""
+    return [kind for kind in KINDS.values() if kind.sent and {*kind.sent} <= {*columns}]
+
+
+def _plan(
+    options: MeasureOptions, columns: Sequence[str]
+) -> tuple[TouchSequence, Path, Surface | None]:
+    """What to measure, where it goes, and the place that a sweep goes over.
+
+    ``columns`` are what the device sends beside the joints. Where an observation of the job is made
+    of them, what is measured at free rests is of that observation.
+    """
     if options.free:
-        arm = read_arm(options.job, options.urdf, (options.chain, ""))
-        out = options.out or options.job.parent / f"free_{options.repeat}.csv"
-        return repeated(arm, None, None, options.repeat, options.rests), out, None
+        chain = options.chain, ""
+        out = options.job.parent / f"free_{options.repeat}.csv"
+        kinds = [kind.kind for kind in _kinds_over(columns)]
+        if kinds and any(row.kind in kinds for row in read_outline(options.job).rows):
+            row = read_row(options.job, options.observation, kinds, options.chain)
+            chain, out = row.chain, row.file("free", options.repeat)
+        arm = read_arm(options.job, options.urdf, chain)
+        plan = repeated(arm, None, None, options.repeat, options.rests)
+        return plan, options.out or out, None
     ((place, label),) = options.labels.items()
     row = read_row(options.job, options.observation, kinds_of(place), options.chain)
     if row.kind not in kinds_of(place):

@@ -24,7 +24,7 @@ class RawRecorder:
     program loses a second of it, and the next recording under this name recovers the rest first.
 
     Columns: ``sequence``, ``time`` and ``arrival`` (s), one per joint (rad), and the names of the
-    joints with a raised error flag in ``errors``.
+    joints with a raised error flag in ``errors``. Those of `DeviceSpec.extra_columns` follow.
 
     Raises:
         InputError: there is a file of this name.
@@ -33,7 +33,11 @@ class RawRecorder:
     """
 
     def __init__(
-        self, path: Path, joints: Sequence[str], say: Callable[[str], None] = lambda _: None
+        self,
+        path: Path,
+        joints: Sequence[str],
+        say: Callable[[str], None] = lambda _: None,
+        extra: Sequence[str] = (),
     ) -> None:
         if path.exists():
             hint = "choose another name with --raw"
@@ -45,6 +49,7 @@ class RawRecorder:
         self._arrow = load("pyarrow", "parquet")
         numbers = [(name, self._arrow.float64()) for name in ("time", "arrival", *joints)]
         fields = [("sequence", self._arrow.int64()), *numbers, ("errors", self._arrow.string())]
+        fields += [(name, self._arrow.float64()) for name in extra]
         self._schema = self._arrow.schema(fields)
         with self._telling():
             if self._part.exists():
@@ -96,7 +101,10 @@ class RawRecorder:
         names = np.array(self._joints, dtype=object)
         heads = zip(*((row.sequence, row.time, row.arrival) for row in rows), strict=True)
         errors = [" ".join(names[row.error]) for row in rows]
-        columns = [*heads, *np.array([row.angles for row in rows]).T, errors]
+        angles, extra = (
+            np.array([getattr(row, name) for row in rows]).T for name in ("angles", "extra")
+        )
+        columns = [*heads, *angles, errors, *extra]
         batch = self._arrow.RecordBatch.from_arrays(
             [self._arrow.array(c, type=f.type) for c, f in zip(columns, self._schema, strict=True)],
             schema=self._schema,

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final, Self
 
@@ -37,7 +38,7 @@ class RecordedStream:
     Args:
         path: CSV, Parquet, or the ``.part`` of a recording that was interrupted: a column ``time``,
             s, and one per joint, rad (m). ``errors`` names joints with a raised error flag.
-        joints: that are needed.
+        sent: columns that are no joints, and are averaged at each rest.
 
     Raises:
         SamplesError: it cannot be read, has no column ``time`` or none of joints, or is mostly in
@@ -45,30 +46,45 @@ class RecordedStream:
         MissingExtraError: it is Parquet, and pyarrow is not installed.
     """
 
-    def __init__(self, path: Path, joints: Sequence[str]) -> None:
-        table = _read(path)
+    def __init__(self, path: Path, sent: Collection[str] = ()) -> None:
+        table = self._table = _read(path)
         names = tuple(name for name in table.columns if name not in NO_JOINTS)
         if "time" not in table.columns or not names:
             columns = f"only the columns {', '.join(table.columns)}"
             raise SamplesError(columns, "a column time, in s, and one per joint, in rad", file=path)
         angles = np.column_stack([_numbers(table.columns[name]) for name in names])
         angles[np.abs(angles) > _LARGEST] = np.nan
-        for name, column in zip(names, angles.T, strict=True):
-            if name in joints and np.mean(np.isnan(column)) > _DAMAGED:
-                raise SamplesError(
-                    f"{np.mean(np.isnan(column)):.0%} of the readings are no angles in rad",
-                    "rad (m for a joint that slides)",
-                    file=path,
-                    where=f"column {name!r}",
-                    hint="if they are degrees or counts, suta-calib import converts them",
-                )
         specs = tuple(JointSpec(name) for name in names)
-        self.spec = DeviceSpec(path, "", 1, "frames", "counts", FRAME_COUNTS_PER_TURN, specs)
+        extra = tuple(name for name in names if name in sent)
+        self.spec = DeviceSpec(
+            *(path, "", 1, "frames", "counts", FRAME_COUNTS_PER_TURN, specs), extra_columns=extra
+        )
         self.statistics = Statistics(names)
         self._time = _numbers(table.columns["time"])
         self._angles = angles
         self._error = _raised(table, names)
+        self._extra = np.zeros((len(angles), 0))
         self._next = 0
+
+    def use(self, joints: Sequence[str]) -> None:
+        """Refuse columns of these joints that are mostly no angles; none of them is another number.
+
+        Raises:
+            SamplesError: one is.
+        """
+        for name, column in zip(self.spec.names, self._angles.T, strict=True):
+            if name in joints and np.mean(np.isnan(column)) > _DAMAGED:
+                raise SamplesError(
+                    f"{np.mean(np.isnan(column)):.0%} of the readings are no angles in rad",
+                    "rad (m for a joint that slides)",
+                    file=self.spec.path,
+                    where=f"column {name!r}",
+                    hint="if they are degrees or counts, suta-calib import converts them",
+                )
+        extra = tuple(name for name in self.spec.extra_columns if name not in joints)
+        self.spec = replace(self.spec, extra_columns=extra)
+        numbers = [_numbers(self._table.columns[name]) for name in extra]
+        self._extra = np.array(numbers).reshape(len(extra), -1).T
 
     def __enter__(self) -> Self:
         return self
@@ -94,7 +110,8 @@ class RecordedStream:
         self.statistics.frames += len(rows)
         self.statistics.error_flags += np.sum(self._error[first : self._next], axis=0)
         times = self._time.tolist()
-        return [Reading(k, times[k], self._angles[k], self._error[k], none, times[k]) for k in rows]
+        q, error, extra = self._angles, self._error, self._extra
+        return [Reading(k, times[k], q[k], error[k], none, times[k], extra[k]) for k in rows]
 
 
 def _read(path: Path) -> CsvTable:

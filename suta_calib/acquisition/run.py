@@ -24,6 +24,7 @@ from suta_calib.arrays import FloatArray
 from suta_calib.errors import OutputError, SamplesError
 from suta_calib.geometry.numbers import vector_from_rotation, wrap
 from suta_calib.measurements import lines_of, read_csv_table, read_text, write_text
+from suta_calib.measurements.csv_table import number_in
 from suta_calib.units import deg, mm
 
 Say = Callable[[str], None]
@@ -50,11 +51,12 @@ class Run:
         self._rows: dict[int, int] = {}
         self.index = 0
         self.last: FloatArray | None = file.rows[-1][1] if file.rows else None
-        self._last_labels = file.rows[-1][0] if file.rows else None
+        self._last_labels = self._of_plan(file.rows[-1][0]) if file.rows else None
         # It goes on after the last confirmed one.
         for row, (labels, angles) in enumerate(file.rows):
             following = range(self.index, len(plan.stations))
-            place = next((k for k in following if plan.stations[k].labels == labels), None)
+            own = self._of_plan(labels)
+            place = next((k for k in following if plan.stations[k].labels == own), None)
             if self.seating is not None:
                 self.seating.put(labels["landmark"], angles)
             if place is not None:
@@ -88,10 +90,11 @@ class Run:
     def confirm(self, average: Average, note: str = "", *, described: bool = True) -> None:
         """Write the sample of the next station, say so (and describe it), go on; as `put`."""
         station = self.station
-        row = self.file.put(station.labels, average.angles, self._rows.get(self.index))
+        labels = {**station.labels, **average.cells}
+        row = self.file.put(labels, average.angles, self._rows.get(self.index))
         doubts = self._doubts(average)
         self._rows[self.index], self.last = row, average.angles
-        self._last_labels = station.labels
+        self._last_labels = self._of_plan(station.labels)
         lines = self.described(average, note) if described else [f"{station.name}: kept"]
         for line in lines:
             self.say(line)
@@ -148,6 +151,9 @@ class Run:
         lines = [f"{text} ({note})" if note else text]
         std = zip(self.plan.arm.joints, deg(average.std), strict=True)
         lines.append("  std in deg: " + "  ".join(f"{joint} {value:.4f}" for joint, value in std))
+        if average.extra:
+            extra = (f"{n} {x.mean:.4f} (std {x.std:.4f})" for n, x in average.extra.items())
+            lines.append("  " + "  ".join(extra))
         if self.seating is not None:
             landmark = self.station.labels["landmark"]
             errors = self.seating.distances(landmark, average.angles)
@@ -162,6 +168,10 @@ class Run:
                 f"  check: these distances do not fit; is the plug seated, and is this {name}?"
             )
         return [*lines, *(f"  look: {doubt}" for doubt in self._doubts(average))]
+
+    def _of_plan(self, labels: Mapping[str, str]) -> dict[str, str]:
+        """Labels without the numbers that were measured beside them."""
+        return {name: labels[name] for name in self.plan.label_columns}
 
     def _doubts(self, average: Average) -> list[str]:
         """What speaks against a sample of the next station, before it is kept."""
@@ -227,7 +237,7 @@ class SamplesFile:
     Args:
         path: the file; made with its folder when the first row comes.
         joints: columns of the readings.
-        labels: label columns.
+        labels: label columns, and those of numbers that are measured beside the joints.
         key: labels all rows of this run share.
         resume: go on with rows of this run that are already there.
 
@@ -309,7 +319,14 @@ class SamplesFile:
 
     def relabel(self, labels: Sequence[Mapping[str, str]]) -> None:
         """Give all rows of this run other labels, in order, at once; errors as of `put`."""
-        self._write([(new, angles) for new, (_, angles) in zip(labels, self.rows, strict=True)])
+        self._write(
+            [({**old, **new}, angles) for new, (old, angles) in zip(labels, self.rows, strict=True)]
+        )
+
+    def numbers(self, names: Sequence[str]) -> FloatArray:
+        """(rows, names) what was measured beside the joints in this run's rows."""
+        cells = [[number_in(labels[name]) for name in names] for labels, _ in self.rows]
+        return np.array(cells).reshape(-1, len(names))
 
     def _write(self, rows: list[Sample]) -> None:
         """Write the file with these rows; they are this run's once they are on the disk."""

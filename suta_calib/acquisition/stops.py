@@ -1,8 +1,8 @@
 """Stops: the times an arm rests, each recorded for as long as a sample needs.
 
-A window in which the arm moved, crept or an encoder raised its error flag is no sample. A stop that
-the stream leaves out for a moment (a stall, a cable pulled out) goes on where it was if the arm is
-found where it was.
+A window in which the arm moved, crept or an encoder raised its error flag is no sample, nor is one
+in which a sensor beside the encoders was shaken. A stop that the stream leaves out for a moment (a
+stall, a cable pulled out) goes on where it was if the arm is found where it was.
 """
 
 from __future__ import annotations
@@ -13,7 +13,14 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from suta_calib.acquisition.averaging import Average, average, spread, unwrapped_about_median
+from suta_calib.acquisition.averaging import (
+    Average,
+    average,
+    mean_number,
+    spread,
+    unwrapped_about_median,
+)
+from suta_calib.acquisition.extra_columns import ExtraColumns
 from suta_calib.acquisition.rest import DEFAULT_REST, Look, RestDetector, RestSettings
 from suta_calib.arrays import FloatArray
 from suta_calib.device.reading import Reading
@@ -41,11 +48,13 @@ class Ended:
         joints: names of those that moved; empty where the stream left out the motion.
         interrupted: whether the stream left out part of the rest, or began during it: it was longer
             than it seems.
+        refusal: why what the device sent beside the joints cannot be used; empty where it can.
     """
 
     average: Average
     joints: tuple[str, ...] = ()
     interrupted: bool = False
+    refusal: str = ""
 
     @property
     def what(self) -> str:
@@ -61,10 +70,11 @@ class Rejected:
     """What was recorded so far is no sample; recording begins again while the arm rests."""
 
     reason: str
-    joints: tuple[str, ...]
+    joints: tuple[str, ...] = ()
 
     def __str__(self) -> str:
-        return f"rejected: {self.reason} of {', '.join(self.joints)}"
+        joints = f" of {', '.join(self.joints)}" if self.joints else ""
+        return f"rejected: {self.reason}{joints}"
 
 
 @dataclass(frozen=True)
@@ -87,6 +97,7 @@ class StopFinder:
         joints: names of the device's joints, in the order of the readings' angles.
         seconds: how long a stop is recorded.
         settings, even: see `RestDetector`.
+        extra: looks at what the device sends beside the joints; None where that is not read.
 
     Attributes:
         excursion: how far any joint has been from `reference` since that was set, rad.
@@ -100,7 +111,9 @@ class StopFinder:
         settings: RestSettings = DEFAULT_REST,
         *,
         even: bool = False,
+        extra: ExtraColumns | None = None,
     ) -> None:
+        self._extra = extra
         self._joints, self._seconds, self.settings = tuple(joints), seconds, settings
         self._detector = RestDetector(settings, even=even)
         self._window: StopWindow | None = None
@@ -197,9 +210,8 @@ class StopFinder:
         window, self._window = self._window, None
         if window is None or window.complete or not window.angles:
             return []
-        return [
-            Ended(window.average(window.seconds - self.settings.onset), joints, window.interrupted)
-        ]
+        average = self._average(window, window.seconds - self.settings.onset)
+        return [Ended(average, joints, window.interrupted, self._refusal(average))]
 
     def _record(self, window: StopWindow, look: Look) -> list[Event]:
         if window.complete:
@@ -217,8 +229,19 @@ class StopFinder:
         if crept:
             window.clear()
             return [Rejected("crept", self._names(crept))]
+        average = self._average(window)
+        if refusal := self._refusal(average):
+            told, window.refused = window.refused, True
+            window.clear()
+            return [] if told else [Rejected(refusal)]
         window.complete = True
-        return [Complete(window.average())]
+        return [Complete(average)]
+
+    def _average(self, window: StopWindow, until: float = np.inf) -> Average:
+        return window.average(until, () if self._extra is None else self._extra.names)
+
+    def _refusal(self, average: Average) -> str:
+        return "" if self._extra is None else self._extra.refusal(average)
 
     def _limit(self) -> FloatArray:
         """(n,) by how much two looks at an arm that stands still may differ, rad."""
@@ -235,19 +258,23 @@ class StopWindow:
 
     Attributes:
         angles, ends: each reading's angles, (n,) rad, and the time recorded up to it, s.
+        extra: what was sent beside them, (m,).
         last: time of the last reading, s, the device's clock.
         suspended: whether the stream paused and it is not yet known where the arm is.
         interrupted: whether it has paused during this rest, or paused or began just before.
         complete: whether it was long enough.
+        refused: whether it was long enough once, and what came beside the joints was of no use.
         way: (k, n) where the arm was before it rested, rad; None where that was not seen.
     """
 
     angles: list[FloatArray] = field(default_factory=list)
     ends: list[float] = field(default_factory=list)
+    extra: list[FloatArray] = field(default_factory=list)
     last: float | None = None
     suspended: bool = False
     interrupted: bool = False
     complete: bool = False
+    refused: bool = False
     way: FloatArray | None = None
 
     @property
@@ -259,15 +286,19 @@ class StopWindow:
         """Take a reading; after a pause of more than ``gap`` s none of it counts."""
         step = 0.0 if self.last is None else reading.time - self.last
         self.angles.append(reading.angles)
+        self.extra.append(reading.extra)
         self.ends.append(self.seconds + (step if 0 <= step <= gap else 0.0))
         self.last = reading.time
 
-    def average(self, until: float = np.inf) -> Average:
-        """Of the first ``until`` s."""
+    def average(self, until: float = np.inf, extra: Sequence[str] = ()) -> Average:
+        """Of the first ``until`` s; of columns with these names too."""
         count = max(1, int(np.searchsorted(self.ends, until, side="right")))
         result = average(self.angles[:count], min(self.seconds, max(until, 0.0)))
-        return replace(result, way=self.way)
+        numbers = {
+            n: mean_number(v) for n, v in zip(extra, np.array(self.extra[:count]).T, strict=True)
+        }
+        return replace(result, way=self.way, extra=numbers)
 
     def clear(self) -> None:
         """Begin again."""
-        self.angles, self.ends, self.last, self.complete = [], [], None, False
+        self.angles, self.ends, self.extra, self.last, self.complete = [], [], [], None, False

@@ -103,7 +103,7 @@ class Unattended:
         # A rest cut short counts if it lasted this part of what was asked for; the smaller part if
         # the stream left out some of it, or began during it.
         share = 0.05 if event.interrupted else 0.5
-        if average.seconds < share * self._seconds:
+        if average.seconds < share * self._seconds or event.refusal:
             self._doubt = True
             if average.seconds > 0:
                 self._run.say(str(event))

@@ -6,6 +6,7 @@ import math
 from typing import TYPE_CHECKING, Any, Final
 
 import click
+import numpy as np
 
 from suta_calib.cli._options import (
     PATH,
@@ -24,6 +25,7 @@ from suta_calib.emulation.emulated import EmulationOptions, PlayOptions, emulate
 from suta_calib.emulation.faults import WORDS, Faults
 from suta_calib.emulation.script import Timing, parse_pose
 from suta_calib.errors import InputError
+from suta_calib.geometry.numbers import rotation_from_rpy
 from suta_calib.units import from_deg, from_mm
 
 if TYPE_CHECKING:
@@ -54,9 +56,9 @@ _FAULTS_HELP: Final = _EPILOG + "\n\b\n" + "\n".join(f"{k:<20} {v}" for k, v in 
 )
 @option(
     "--motion",
-    "Motion without a script: rest (default), pivot about a point, swing every joint, or sweep as "
-    "by hand with the tip in a socket or on a plate.",
-    click.Choice(["still", "pivot", "trajectory", "socket", "plate"]),
+    "Motion without a script: rest (default), pivot about a point, swing every joint, rest in "
+    "random postures, or sweep as by hand with the tip in a socket or on a plate.",
+    click.Choice(["still", "pivot", "trajectory", "postures", "socket", "plate"]),
 )
 @option("--set", "Name of the simulation's set; default: the first.", name="set_name")
 @option(
@@ -75,7 +77,11 @@ _FAULTS_HELP: Final = _EPILOG + "\n\b\n" + "\n".join(f"{k:<20} {v}" for k, v in 
 )
 @option("--sequence", "Landmarks in order; default: as in the artefact.", default="")
 @option("--repeats", "How often each placement is measured.", _COUNT)
-@option("--directions", "Number of rests on each fixed point; default 20.", _COUNT)
+@option(
+    "--directions",
+    "Number of rests on each fixed point, or of random postures; default 20.",
+    _COUNT,
+)
 @option("--rest", "Duration of a rest, in s.", POSITIVE, 4.0)
 @option("--move", "Duration of the motion between two rests, in s.", POSITIVE, 1.5)
 @option("--seating-mm", "Seating noise per axis; default 0.05.", _NOT_NEGATIVE)
@@ -107,6 +113,13 @@ _FAULTS_HELP: Final = _EPILOG + "\n\b\n" + "\n".join(f"{k:<20} {v}" for k, v in 
 )
 @option("--seed", "Seed of noise, seating and faults.", _SEED, 0)
 @option("--encoder-deg", "Standard deviation of a reading.", _NOT_NEGATIVE, 0.001)
+@option(
+    "--accelerometer ROLL PITCH YAW",
+    "Send ax, ay, az of an accelerometer that is strapped to the tip's link, after the joints "
+    "(--format lines); its orientation there, in degrees, as in a URDF.",
+    (FiniteRange(), FiniteRange(), FiniteRange()),
+)
+@option("--accelerometer-deg", "Standard deviation of its direction.", _NOT_NEGATIVE, 0.2)
 # What is sent.
 @option(
     "--format", "Format of the bytes that are sent.", click.Choice(_SENT), "frames", name="form"
@@ -146,7 +159,7 @@ def emulate(**options: Any) -> None:
         truth_out=options.pop("truth_out"),
         trajectory_out=options.pop("trajectory_out"),
     )
-    seating = options.pop("seating_mm")
+    seating, mounting = options.pop("seating_mm"), options.pop("accelerometer")
     arm = EmulationOptions(
         placements=_places(options.pop("placements"), "--placement"),
         points=_places(options.pop("points"), "--point"),
@@ -157,6 +170,8 @@ def emulate(**options: Any) -> None:
         amplitude=from_deg(options.pop("amplitude")),
         size=from_mm(options.pop("size_mm")),
         encoder=from_deg(options.pop("encoder_deg")),
+        accelerometer=None if mounting is None else rotation_from_rpy(from_deg(np.array(mounting))),
+        accelerometer_noise=from_deg(options.pop("accelerometer_deg")),
         signs=_signs(options.pop("signs")),
         faults=Faults.parse(",".join(options.pop("faults"))),
         **options,

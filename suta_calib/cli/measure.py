@@ -65,7 +65,12 @@ class PlaceCommand(click.Command):
 )
 @option("--placement", "Label of the artefact's placement, such as P1.")
 @option("--point", "Label of a fixed point, such as F1, instead of --placement.")
-@flag("--free", "Record only readings, without labels, wherever the arm rests.")
+@flag(
+    "--free",
+    "Record only readings, without labels, wherever the arm rests. If the device sends what an "
+    "observation needs (extra_columns in device.yaml, such as ax, ay, az), the samples are of this "
+    "observation.",
+)
 @option("--repeat", "Number of this repeat of the measurement.", default="1")
 @option(
     "--seconds",
@@ -113,6 +118,9 @@ def measure(context: click.Context, /, **options: Any) -> None:
     arm moved or an encoder set its error flag, the rest is recorded again. Existing samples are
     never overwritten, and rows that another program adds meanwhile are kept. The exit code is 1 if
     --patience ended the run. Until the end, the file of --raw is called FILE.part.
+
+    Other numbers that the device sends (extra_columns in device.yaml) are averaged too, and become
+    columns of the samples. A rest in which such a sensor was shaken is recorded again.
 
     With --continuous, sweep the arm by hand while its tip is in a socket (--point) or on a plate
     (--plane). Postures that are 2 deg apart count, and nothing else. The whole stream is recorded

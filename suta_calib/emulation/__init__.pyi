@@ -1,3 +1,4 @@
+from .accelerometer import accelerometer as accelerometer
 from .by_hand import HandSweep as HandSweep
 from .by_hand import swept_by_hand as swept_by_hand
 from .emulated import EmulatedDevice as EmulatedDevice
@@ -12,6 +13,7 @@ from .faults import PlaceSlip as PlaceSlip
 from .faults import TipLift as TipLift
 from .faults import Window as Window
 from .motion import Curve as Curve
+from .motion import ExtraNumbers as ExtraNumbers
 from .motion import Motion as Motion
 from .motion import Still as Still
 from .motion import Stops as Stops

@@ -10,10 +10,12 @@ from typing import Final, Literal
 
 import numpy as np
 
+from suta_calib.arrays import FloatArray
 from suta_calib.display import Displayable
+from suta_calib.emulation.accelerometer import COLUMNS, accelerometer
 from suta_calib.emulation.by_hand import HandSweep, swept_by_hand
 from suta_calib.emulation.faults import Faults
-from suta_calib.emulation.motion import Motion, Still, Stops
+from suta_calib.emulation.motion import Motion, Still, Stops, continuous
 from suta_calib.emulation.player import Played, Player
 from suta_calib.emulation.script import (
     PLACE_FORM,
@@ -40,7 +42,14 @@ from suta_calib.inputs import UrdfFile
 from suta_calib.job.outline import JobOutline
 from suta_calib.measurements import write_text
 from suta_calib.model.arm import ArmModel
-from suta_calib.simulation import NoiseLevels, PoseSpec, SetSpec, SimulationSpec
+from suta_calib.simulation import (
+    InverseKinematics,
+    NoiseLevels,
+    PoseSpec,
+    SetSpec,
+    SimulationSpec,
+)
+from suta_calib.simulation.noise import full_circle, stream
 from suta_calib.simulation.schema import PostureRow
 from suta_calib.units import from_deg
 
@@ -59,14 +68,15 @@ class EmulationOptions(Displayable):
         tip, base: ends of its chain; those of the script by default.
         rate: frames per second, Hz.
         script: a calibration.yaml or simulation.yaml whose landmarks or points are rested on.
-        motion: without a script: ``still``, ``pivot`` or ``trajectory``; ``socket`` or ``plate``:
-            swept by hand with the tip in a socket or on a plate.
+        motion: without a script: ``still``, ``pivot``, ``trajectory``, or ``postures``: rests in
+            random ones; ``socket`` or ``plate``: swept by hand with the tip in a socket or on a
+            plate.
         set_name: which set of a simulation; the first by default.
         placements: where the artefact stands, by label.
         points: fixed points by label: to be touched (script) or pivoted on.
         sequence: landmarks in order; as in the artefact by default.
         repeats: how often each placement is gone through.
-        directions: rests on each fixed point.
+        directions: rests on each fixed point, or in postures.
         timing: of rests and of the motions between them.
         seating: noise per axis, m; the script's by default.
         posture: where it rests or starts, or a search does: ``joint_1=15,joint_3=160`` in degrees
@@ -83,6 +93,8 @@ class EmulationOptions(Displayable):
         errors_seed: draws the true parameters.
         seed: of noise, seating and faults.
         encoder: noise of a reading, rad.
+        accelerometer: (3, 3) how one is turned in the tip's link that is sent too; None for none.
+        accelerometer_noise: standard deviation of its direction, rad.
         form, unit, counts_per_turn, signs, baudrate: of the device; see `device_of`.
         faults: what goes wrong.
     """
@@ -92,7 +104,7 @@ class EmulationOptions(Displayable):
     base: str | None = None
     rate: float = 768.0
     script: Path | None = None
-    motion: Literal["still", "pivot", "trajectory", "socket", "plate"] | None = None
+    motion: Literal["still", "pivot", "trajectory", "postures", "socket", "plate"] | None = None
     set_name: str | None = None
     placements: Places = field(default_factory=dict)
     points: Places = field(default_factory=dict)
@@ -114,6 +126,8 @@ class EmulationOptions(Displayable):
     errors_seed: int | None = None
     seed: int = 0
     encoder: float = from_deg(0.001)
+    accelerometer: FloatArray | None = None
+    accelerometer_noise: float = from_deg(0.2)
     form: str = "frames"
     unit: str = "counts"
     counts_per_turn: int = 1 << 22
@@ -256,6 +270,7 @@ def emulated_device(options: EmulationOptions) -> EmulatedDevice:
         counts_per_turn=options.counts_per_turn,
         signs=options.signs,
         baudrate=options.baudrate,
+        extra_columns=() if options.accelerometer is None else COLUMNS,
     )
     options.faults.check_joints(device.names)
     values = _values(options, script, arm)
@@ -268,8 +283,16 @@ def emulated_device(options: EmulationOptions) -> EmulatedDevice:
         motion = _free_motion(options, arm, values)
     else:
         motion = _script_motion(options, script, arm, values, plan)
+    extra = None
+    if options.accelerometer is not None:
+        extra = accelerometer(
+            *(arm, values, motion),
+            mounting=options.accelerometer,
+            noise=options.accelerometer_noise,
+            seed=options.seed,
+        )
     emulation = Emulation(
-        device, motion, options.rate, options.encoder, options.faults, options.seed
+        *(device, motion, options.rate, options.encoder, options.faults, options.seed), extra=extra
     )
     return EmulatedDevice(arm, values, plan, emulation)
 
@@ -417,6 +440,14 @@ def _free_motion(options: EmulationOptions, arm: ArmModel, values: dict[str, flo
             period=options.period,
             seed=options.seed,
         )
+    if options.motion == "postures":
+        rng = stream(options.seed, "postures")
+        count = options.directions or SetSpec.directions
+        postures = InverseKinematics(arm, values).random_readings(rng, count)
+        if options.posture:
+            postures[0] = posture
+        where, timing = continuous(postures, full_circle(arm)), options.timing
+        return Stops(where, ({},) * count, timing.rest, timing.move, (count - 1,))
     if options.motion == "trajectory":
         return sweep(arm, posture, options.amplitude, *options.frequency, duration=options.duration)
     return Still(posture)

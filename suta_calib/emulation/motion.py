@@ -187,6 +187,27 @@ class ThereAndBack(Displayable, Motion):
         return self.path.readings(first + share * (last - first))
 
 
+@dataclass(frozen=True, eq=False)
+class ExtraNumbers(Displayable):
+    """Numbers that an emulated arm sends beside its joints.
+
+    Attributes:
+        columns: their names.
+        time: (k,) s of the motion, increasing.
+        values: (k, m) at these times; in between they change evenly.
+        noise: standard deviation of a reading.
+    """
+
+    columns: tuple[str, ...]
+    time: FloatArray
+    values: FloatArray
+    noise: float = 0.0
+
+    def readings(self, time: FloatArray) -> FloatArray:
+        """(n, m) at times (n,), without noise."""
+        return np.stack([np.interp(time, self.time, column) for column in self.values.T], axis=1)
+
+
 def minimum_jerk(share: FloatArray) -> FloatArray:
     """Share of the way gone after a share of the time, both from 0 to 1."""
     return share**3 * (10 - 15 * share + 6 * share**2)

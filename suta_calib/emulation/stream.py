@@ -20,7 +20,7 @@ from suta_calib.device.description import FRAME_COUNTS_PER_TURN, DeviceSpec, Joi
 from suta_calib.device.formats import FORMATS, Sample, format_of
 from suta_calib.display import Displayable
 from suta_calib.emulation.faults import Damage, Faults, Flag
-from suta_calib.emulation.motion import Motion
+from suta_calib.emulation.motion import ExtraNumbers, Motion
 from suta_calib.errors import InputError
 from suta_calib.measurements.yaml_text import yaml_text
 
@@ -42,6 +42,7 @@ def device_of(
     counts_per_turn: int = FRAME_COUNTS_PER_TURN,
     signs: Sequence[int] = (),
     baudrate: int = 921600,
+    extra_columns: Sequence[str] = (),
 ) -> DeviceSpec:
     """One encoder for each joint of an arm, from base to tip; it has no port yet.
 
@@ -52,11 +53,15 @@ def device_of(
         counts_per_turn: of one turn, in counts.
         signs: +1 or -1 for each joint; all +1 by default.
         baudrate: for ``device.yaml``: a pseudo-terminal has none.
+        extra_columns: names of what is sent after the joints.
 
     Raises:
         InputError: a unit or counts that the format cannot have, a number of signs that is not that
-            of the joints, or a joint that slides where angles are sent.
+            of the joints, a joint that slides where angles are sent, or a format of joints only.
     """
+    if extra_columns and not FORMATS[form].extra_columns:
+        others = " or ".join(name for name, other in FORMATS.items() if other.extra_columns)
+        raise InputError(f"{form} with {', '.join(extra_columns)}", others, where="format")
     if (refused := FORMATS[form].refusal(unit, counts_per_turn)) is not None:
         description = f"{form} with {counts_per_turn} counts per turn, in {unit}"
         raise InputError(description, refused[1], where=refused[0])
@@ -73,7 +78,8 @@ def device_of(
     if len(chosen) != len(arm.joints):
         raise InputError(f"{len(chosen)} signs", f"{len(arm.joints)}, one per joint")
     joints = tuple(map(JointSpec, arm.joints, chosen))
-    return DeviceSpec(Path("device.yaml"), "", baudrate, form, unit, counts_per_turn, joints)
+    own = tuple(extra_columns)
+    return DeviceSpec(Path("device.yaml"), "", baudrate, form, unit, counts_per_turn, joints, own)
 
 
 def device_text(device: DeviceSpec) -> str:
@@ -86,6 +92,8 @@ def device_text(device: DeviceSpec) -> str:
         "counts_per_turn": device.counts_per_turn,
         "joints": [{"name": joint.name, "sign": joint.sign} for joint in device.joints],
     }
+    if device.extra_columns:
+        document["extra_columns"] = list(device.extra_columns)
     return yaml_text(document, "An emulated arm: there is no hardware behind this port.")
 
 
@@ -102,6 +110,7 @@ class Emulation(Displayable):
         seed: of noise and faults.
         first_sequence: of the frame when the device is switched on.
         first_time_us: of the device's clock then, µs.
+        extra: what the device sends beside the joints.
     """
 
     device: DeviceSpec
@@ -112,6 +121,7 @@ class Emulation(Displayable):
     seed: int = 0
     first_sequence: int = 0
     first_time_us: int = 0
+    extra: ExtraNumbers | None = None
 
     def __post_init__(self) -> None:
         if not 0 < self.rate <= 1e5:
@@ -121,6 +131,9 @@ class Emulation(Displayable):
         joints = self.motion.readings(np.zeros(1)).shape[1]
         if joints != len(names):
             raise InputError(f"a motion of {joints} joints", f"the {len(names)} of the device")
+        extra, columns = self.extra.columns if self.extra else (), self.device.extra_columns
+        if extra != columns:
+            raise InputError(f"numbers {', '.join(extra) or 'none'}", f"those of {columns}")
 
     def time_us(self, period: int) -> int:
         """The device's clock that many periods after it was switched on, µs, not wrapped."""
@@ -163,7 +176,7 @@ def packets(
         true = emulation.motion.readings(at)
         if log:
             log(at, true)
-        yield from source.block(number, time, true)
+        yield from source.block(number, time, at, true)
 
 
 class _Source:
@@ -173,29 +186,37 @@ class _Source:
         self._emulation, self._first = emulation, first_period
         self._encoder = format_of(emulation.device).encoder(emulation.device)
         self._noise = np.random.default_rng([emulation.seed, 1])
+        self._extra_noise = np.random.default_rng([emulation.seed, 3])
         self._skips = np.random.default_rng([emulation.seed, 2])
         self._damage = Damage(emulation.faults, emulation.seed)
         self._stale_at = math.ceil(STALE_AFTER * emulation.rate)
         self._stale: NDArray[Any] | None = None
 
-    def block(self, number: int, time: FloatArray, true: FloatArray) -> list[tuple[float, bytes]]:
-        """Packets from ``number`` on, as many as there are times."""
+    def block(
+        self, number: int, time: FloatArray, at: FloatArray, true: FloatArray
+    ) -> list[tuple[float, bytes]]:
+        """Packets from ``number`` on, as many as there are times of the stream and the motion."""
         emulation = self._emulation
         noise = np.broadcast_to(emulation.noise, true.shape[1:])
         readings = true + noise * self._noise.standard_normal(true.shape)
         if self._stale is None:
             self._stale = self._encoder.values(readings[:1] + STALE_TURN)[0]
         values = self._encoder.values(readings)
+        extra = np.zeros((len(time), 0))
+        if emulation.extra is not None:
+            extra = emulation.extra.readings(at)
+            noise = self._extra_noise.standard_normal(extra.shape)
+            extra = extra + emulation.extra.noise * noise
         skipped = self._skips.random(len(time)) < emulation.faults.skip
         packets = []
         for k, t in enumerate(time.tolist()):
-            data = b"" if skipped[k] else self._packet(number + k, t, values[k])
+            data = b"" if skipped[k] else self._packet(number + k, t, values[k], extra[k])
             # What is held back is sent later.
             held = [window.end for window in emulation.faults.holds if t in window]
             packets.append((max([t, *held]), data))
         return packets
 
-    def _packet(self, number: int, time: float, values: NDArray[Any]) -> bytes:
+    def _packet(self, number: int, time: float, values: NDArray[Any], extra: FloatArray) -> bytes:
         faults = self._emulation.faults
         firsts = (math.ceil(gap.start * self._emulation.rate) for gap in faults.gaps)
         if any(0 <= number - n < g.count for n, g in zip(firsts, faults.gaps, strict=True)):
@@ -205,7 +226,8 @@ class _Source:
         if faults.stale and number <= self._stale_at:
             return self._old_frames() if number == self._stale_at else b""
         error, warning = self._flags(faults.errors, time), self._flags(faults.warnings, time)
-        data = self._encoder.packet(Sample(*self._clock(number, time), values, error, warning))
+        sample = Sample(*self._clock(number, time), values, error, warning, extra)
+        data = self._encoder.packet(sample)
         if any(time in window for window in faults.bursts):
             return self._damage.garbage(len(data))
         return self._damage(data)
@@ -225,7 +247,8 @@ class _Source:
         none = self._flags((), 0.0)
         age = round(STALE_AGE * self._emulation.rate)
         numbers = range(-age, self._emulation.faults.stale - age)
-        samples = (Sample(*self._clock(n, 0.0), self._stale, none, none) for n in numbers)
+        extra = np.zeros(len(self._emulation.device.extra_columns))
+        samples = (Sample(*self._clock(n, 0.0), self._stale, none, none, extra) for n in numbers)
         return b"".join(map(self._encoder.packet, samples))
 
     def _flags(self, flags: Sequence[Flag], time: float) -> BoolArray:

@@ -45,6 +45,19 @@ def at_rest(vectors: FloatArray) -> BoolArray:
     return np.asarray(felt & (np.abs(length / usual - 1.0) <= _AT_REST))
 
 
+def unlike_gravity(length: float, usual: float) -> str:
+    """Why one that usually feels so much felt something else than gravity; empty where not."""
+    ratio = length / usual
+    return "" if abs(ratio - 1.0) <= _AT_REST else _why(ratio)
+
+
+def _why(ratio: float) -> str:
+    # From m/s² to g, or back, is a factor of ten; nothing at rest is off by a half.
+    if not 0.5 < ratio < 2.0:
+        return "Are g and m/s² mixed?"
+    return "The sensor moved or shook: let it rest."
+
+
 def up_felt(vectors: FloatArray) -> FloatArray:
     """(n, 3) of unit length where an accelerometer was at rest, zeros elsewhere."""
     rest = at_rest(vectors)
@@ -94,15 +107,8 @@ def rows_not_used(name: str, vectors: FloatArray, origin: Sequence[str]) -> Iter
             f"reading of {name}. {without}"
         )
     if len(moved):
-        ratio = length[moved[0]] / usual
-        # From m/s² to g, or back, is a factor of ten; nothing at rest is off by a half.
-        why = (
-            "Are g and m/s² mixed?"
-            if not 0.5 < ratio < 2.0
-            else "The sensor moved or shook: let it rest."
-        )
         yield (
             f"In {len(moved)} of {len(vectors)} rows ({origin[moved[0]]} is the first) {name} "
-            f"felt other than gravity: {ratio:.3g} times as much as in most. {why} These readings "
-            f"are not used. {without}"
+            f"felt other than gravity: {length[moved[0]] / usual:.3g} times as much as in most. "
+            f"{_why(length[moved[0]] / usual)} These readings are not used. {without}"
         )

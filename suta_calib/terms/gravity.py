@@ -21,7 +21,7 @@ from suta_calib.geometry.numbers import (
 )
 from suta_calib.geometry.symbols import Symbol, symbolic_rotation
 from suta_calib.measurements import NumberColumn, SampleColumns
-from suta_calib.measurements.felt import at_rest
+from suta_calib.measurements.felt import at_rest, unlike_gravity
 from suta_calib.measurements.fields import (
     ANGLE,
     ANGLE_OR_0,
@@ -150,6 +150,7 @@ class Gravity(Term):
             "pitch": "The same about its y axis; its orientation is `Ry(pitch) Rx(roll)`.",
         },
     )
+    sent = _ACCELERATION
     medium = "instrument"
     unit = "deg"
     keys = (
@@ -197,6 +198,21 @@ class Gravity(Term):
     def measures_lengths(cls) -> bool:
         """Never."""
         return False
+
+    @classmethod
+    def refused_rest(cls, mean: FloatArray, std: FloatArray, earlier: FloatArray) -> str:
+        """A sensor that was shaken, or that felt more or less than at the rests before."""
+        length, scatter = (float(np.linalg.norm(each)) for each in (mean, std))
+        usual = float(np.median(np.linalg.norm(earlier, axis=1))) if len(earlier) else length
+        if usual and (why := unlike_gravity(length, usual)):
+            return f"the accelerometer felt {length:.4g}, at the rests before {usual:.4g}. {why}"
+        # Sensors for a few cents scatter by 1 % of gravity at 1000 readings per second.
+        if scatter > 0.05 * length:
+            return (
+                f"the readings of the accelerometer scattered by {scatter:.3g}, of gravity "
+                f"{length:.3g}: it was shaken. Let the arm and the sensor come to rest"
+            )
+        return ""
 
     @property
     def settings(self) -> Mapping[str, Any]:

@@ -84,6 +84,8 @@ class Term(GivenPlaces):
         place_needs_turn: whether its orientation is everything of it, so that a given pose says it.
         mark: label column, that may be left out, of what is seen on the tip's link; its unknowns
             carry the same name. Empty for kinds that look at nothing but the tip.
+        sent: columns of numbers that a device may send beside its joints; `measure` averages them
+            at each rest. Empty where nothing but what is touched or seen is measured.
         groupings: what its samples can be grouped by: what one group is called, and the label
             columns whose values, joined by a slash, name it; none for every row by itself.
         noise_factor: standard deviation of a component of the first block, over that of one
@@ -123,6 +125,7 @@ class Term(GivenPlaces):
     place_turns: ClassVar[bool] = True
     place_needs_turn: ClassVar[bool] = False
     mark: ClassVar[str] = ""
+    sent: ClassVar[tuple[str, ...]] = ()
     groupings: ClassVar[Mapping[str, tuple[str, ...]]] = {"row": ()}
     noise_factor: ClassVar[float] = 1.0
     simulation_keys: ClassVar[tuple[Field, ...]] = ()
@@ -263,6 +266,18 @@ class Term(GivenPlaces):
         """
         del place, tips, settings
         return {}
+
+    @classmethod
+    def refused_rest(cls, mean: FloatArray, std: FloatArray, earlier: FloatArray) -> str:
+        """Why what a device sent during a rest is no sample, in a sentence; empty where it is one.
+
+        Args:
+            mean: (m,) of the columns `sent`, as the device gives them.
+            std: (m,) how one reading scatters.
+            earlier: (n, m) means of the rests before.
+        """
+        del mean, std, earlier
+        return ""
 
     @abstractmethod
     def start(self, rotation: FloatArray, position: FloatArray) -> FloatArray:
