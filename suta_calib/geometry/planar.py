@@ -223,7 +223,7 @@ def _through(points: FloatArray) -> tuple[FloatArray, FloatArray]:
 def _one_side(points: FloatArray, centre: FloatArray, near: BoolArray) -> BoolArray:
     """Of points near a circle, those on the side of it that the scanner sees: most of them."""
     above = points[:, 1] > centre[1]
-    return near & (above if 2 * np.sum(above & near) > near.sum() else ~above)
+    return np.asarray(near & (above if 2 * np.sum(above & near) > near.sum() else ~above))
 
 
 def _seen_angle(away: FloatArray) -> float:
