@@ -14,6 +14,7 @@ from suta_calib.exchange.clock import Clock
 from suta_calib.exchange.clock_alignment import ClockAlignment, Recorded, align_clocks
 from suta_calib.exchange.imported import Imported, ImportedRows
 from suta_calib.exchange.moving_rows import MovingRows, joined
+from suta_calib.exchange.pose_table import with_command
 from suta_calib.exchange.tracked_bodies import PAIR, Body
 from suta_calib.geometry.numbers import rotation_from_quaternion
 from suta_calib.measurements.csv_table import rotation_columns
@@ -67,7 +68,10 @@ def aligned(first: Imported, second: Imported, arm: ArmModel | None = None) -> A
             that does not tell the shift.
     """
     of_first = _series(first, arm)
-    of_second = _series(second, None)
+    try:
+        of_second = _series(second, None)
+    except ForeignFileError as problem:
+        raise with_command(problem, second.source) from None
     first_body, second_body = _recorded(of_first), _recorded(of_second)
     alignment = align_clocks(first_body, second_body)
     _check_scale(alignment, of_second.path)

@@ -50,6 +50,13 @@ class Clock:
         stamps, remark = cls.in_seconds(stamps)
         notes = list[str]()
         steps = np.diff(stamps)
+        if (steps < 0).all():
+            raise ForeignFileError(
+                "a time that is earlier in every row: the recording runs backwards",
+                "times that increase",
+                file=path,
+                hint="turn the order of the rows around, and check the sign of the clock",
+            )
         if (steps < 0).any():
             row = int(np.argmax(steps < 0)) + 1
             raise ForeignFileError(

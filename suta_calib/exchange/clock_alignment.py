@@ -8,6 +8,7 @@ approach to uniqueness analysis of head-eye geometry", 1991). The recordings are
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any, Final
 
@@ -38,6 +39,8 @@ _LEAST_SHARE: Final = 0.2
 _LONGEST: Final = 5.0 * 3600.0
 # Below this correlation of the angles, two recordings show different motions.
 _SAME_MOTION: Final = 0.7
+# Above it they show the same one; between the two a shift that is badly known may be a chance.
+_SURE: Final = 0.9
 # Blocks of consecutive rows that are taken for independent, and those that a step is looked for in.
 _BLOCKS: Final = 24
 # Residuals of more standard deviations pull no harder (Huber).
@@ -81,6 +84,16 @@ class Recorded:
             notes=(*self.clock.notes, note),
         )
         return replace(self, clock=clock, body=self.body.take(rows))
+
+    def reversed(self) -> Recorded:
+        """The same motion, run backwards."""
+        time = self.clock.time
+        rows = np.arange(len(time))[::-1]
+        return replace(
+            self,
+            clock=replace(self.clock, time=time[0] + time[-1] - time[rows]),
+            body=self.body.take(rows),
+        )
 
     def _apart(self) -> tuple[tuple[FloatArray, FloatArray], ...]:
         """Angles, rad, and ways, m, from pose to pose (n - 1,), and past one pose (n - 2,)."""
@@ -179,6 +192,8 @@ def align_clocks(first: Recorded, second: Recorded) -> ClockAlignment:
     for recorded in (slow, fast):
         _check_motion(recorded)
     search = _ShiftSearch(slow, fast)
+    if search.most_agreement < _SAME_MOTION:
+        _refuse_backwards(first, second)
     best = search.best()
     at, covariance, step = search.judged(best)
     # The slow clock's time t is the fast one's at + shift + (1 + drift) (t - at).
@@ -203,6 +218,9 @@ def align_clocks(first: Recorded, second: Recorded) -> ClockAlignment:
         travel=travel,
     )
     if not alignment.worst_std < _WORST:
+        _refuse_backwards(first, second)
+        if best.agreement < _SURE:
+            raise search.other_motion(best.agreement)
         raise ForeignFileError(
             f"a motion that tells the shift to ± {ms(alignment.worst_std):.3g} ms only",
             f"± {ms(_WORST):.3g} ms",
@@ -210,6 +228,21 @@ def align_clocks(first: Recorded, second: Recorded) -> ClockAlignment:
             hint="turn faster, and let the motion start and stop often",
         )
     return alignment
+
+
+def _refuse_backwards(first: Recorded, second: Recorded) -> None:
+    """Say so if the second recording, which fits at no shift, fits when it is run backwards."""
+    coarser = second.clock.step > first.clock.step
+    turned = second.reversed()
+    search = _ShiftSearch(*((turned, first) if coarser else (first, turned)))
+    if (agreement := search.most_agreement) > _SURE:
+        raise ForeignFileError(
+            f"the motion of {first.path}, but run backwards (only in the opposite order of its "
+            f"rows do the angles agree: correlation {agreement:.2f})",
+            "rows in the order in which they were recorded",
+            file=second.path,
+            hint="turn the order of its rows around, and keep the times increasing",
+        )
 
 
 def _check_motion(recorded: Recorded) -> None:
@@ -290,18 +323,9 @@ class _ShiftSearch:
 
     def best(self) -> _ClockFit:
         """The best candidate, which no other equals."""
-        fits = [fit for start in self._candidates() if (fit := self._refined(*start)) is not None]
-        fits.sort(key=lambda fit: -fit.agreement)
-        if not fits or fits[0].agreement < _SAME_MOTION:
-            most = max((fit.agreement for fit in fits), default=0.0)
-            raise ForeignFileError(
-                f"another motion than in {self._slow.path}, at every shift (angles correlate by "
-                f"{most:.2f} at most)",
-                f"two recordings of one motion that overlap for at least {_LEAST_SHARE:.0%} of the "
-                f"shorter one, with clocks that drift by less than {_MOST_DRIFT:.1%}",
-                file=self._fast.path,
-                hint="do they overlap, and is the one body rigidly connected to the other?",
-            )
+        fits = self._fits
+        if self.most_agreement < _SAME_MOTION:
+            raise self.other_motion(self.most_agreement)
         best = fits[0]
         spacing = max(_SPANS[_MIDDLE], 2 * self._slow.clock.step)
         for other in fits[1:]:
@@ -314,6 +338,28 @@ class _ShiftSearch:
                     hint="record some turns that do not repeat, with pauses of different lengths",
                 )
         return best
+
+    @property
+    def most_agreement(self) -> float:
+        """How well the angles agree at the best shift."""
+        return max((fit.agreement for fit in self._fits), default=0.0)
+
+    def other_motion(self, agreement: float) -> ForeignFileError:
+        """Error that no shift fits, to be raised by the caller."""
+        return ForeignFileError(
+            f"another motion than in {self._slow.path}, at every shift (angles correlate by "
+            f"{agreement:.2f} at most)",
+            f"two recordings of one motion that overlap for at least {_LEAST_SHARE:.0%} of the "
+            f"shorter one, with clocks that drift by less than {_MOST_DRIFT:.1%}",
+            file=self._fast.path,
+            hint="do they overlap, and is the one body rigidly connected to the other?",
+        )
+
+    @cached_property
+    def _fits(self) -> list[_ClockFit]:
+        """The candidates, refined, those that agree best first."""
+        fits = [fit for start in self._candidates() if (fit := self._refined(*start)) is not None]
+        return sorted(fits, key=lambda fit: -fit.agreement)
 
     def _candidates(self) -> list[tuple[float, float]]:
         """Shifts, s, and drifts from which to refine: peaks of the correlation of angles."""

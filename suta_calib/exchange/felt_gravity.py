@@ -23,12 +23,14 @@ from suta_calib.exchange.pose_table import read_readings
 from suta_calib.exchange.reader import Reader
 from suta_calib.exchange.recorded_rests import SECONDS, Rest, found_rests, shortest_rest
 from suta_calib.exchange.sheet import Sheet
+from suta_calib.exchange.table_roles import UNIT
 from suta_calib.units import deg, from_deg
 from suta_calib.words import listed
 
 POSTURES: Final = Option(
     "postures",
-    "Joint readings of the arm at the rests of the log: a row for each, in order; or a recording.",
+    "Joint readings of the arm at the rests of the log: a row for each, in order; or a recording. "
+    "In rad, or in what --unit or the names of the columns say.",
     "FILE.csv",
     file=True,
 )
@@ -122,7 +124,7 @@ class GravityLog:
         notes, remarks = list(clock.notes), list(clock.remarks)
         if (other := _row_in_another_unit(size)) is not None:
             raise ForeignFileError(
-                f"an acceleration of {size[other]:.3g}, where most are {usual:.3g}",
+                f"an acceleration of {size[other]:.3g}, where other rows have {_usual(size):.3g}",
                 "one unit",
                 file=path,
                 line=None if lines is None else lines[int(rows[other])],
@@ -180,6 +182,11 @@ class GravityLog:
             *self.remarks,
         ]
         notes = [*self.notes, *self._doubts(complete)]
+        if self.dropped:
+            remarks.append(
+                f"{self.dropped} of {self.dropped + len(self.clock.time)} rows of the log have a "
+                "missing number and were left out."
+            )
         lost = [f"{k + 1}" for k, rest in enumerate(rests) if rest is None]
         if lost:
             notes.append(
@@ -299,6 +306,12 @@ class GravityLog:
         hint = f"choose the shortest rest with {SECONDS.switch} N, or correct the postures"
         if alike:
             hint += f"; no change of direction between {listed(alike)}: was the phone touched?"
+        gaps = np.diff(self.clock.time)
+        for k in np.flatnonzero(self.clock.gaps)[:1].tolist():
+            hint += (
+                f"; the log has a gap of {gaps[k]:.3g} s, {self.clock.time[k] - begin:.1f} s after "
+                "its beginning: delete the postures whose rest lies in it"
+            )
         return ForeignFileError(
             f"{len(rests)} rests in the log, {at} s after its beginning",
             f"{count}, as many as {postures.what}",
@@ -357,7 +370,7 @@ class _Postures:
     @classmethod
     def read(cls, path: Path, given: Given) -> _Postures:
         """A list of postures, or the rests in a recording of joints."""
-        rows = read_readings(path)
+        rows = read_readings(path, given.texts(UNIT))
         if not isinstance(rows, ImportedRows):
             raise ForeignFileError(rows.sentence, "joint readings", file=path)
         if rows.dropped:
@@ -383,6 +396,12 @@ class _Postures:
         return cls(path, columns, Clock.in_seconds(time)[0], f"{path.name} has rows")
 
 
+def check_unit(given: Given) -> None:
+    """Refuse a unit of joint readings without a file of them."""
+    if UNIT in given and POSTURES not in given:
+        raise given.refuse(UNIT, "a unit of joint readings", f"with it {POSTURES.switch} FILE.csv")
+
+
 def _run_alike(time: FloatArray, rests: Sequence[Rest]) -> bool:
     """Whether times (n,) and n rests differ by one shift, but for less than half an interval."""
     begin = np.array([rest.begin for rest in rests])
@@ -395,12 +414,19 @@ def _run_alike(time: FloatArray, rests: Sequence[Rest]) -> bool:
 
 def _row_in_another_unit(size: FloatArray) -> int | None:
     """The first of several rows (n,) that are in g where most are in m/s², or vice versa."""
-    ratio = size / np.median(size)
+    ratio = size / _usual(size)
     for factor in (STANDARD_GRAVITY, 1.0 / STANDARD_GRAVITY):
         of_same_unit = np.flatnonzero(np.abs(ratio / factor - 1.0) < _NEAR)
         if len(of_same_unit) >= max(_FEWEST, 0.005 * len(size)):
             return int(of_same_unit[0])
     return None
+
+
+def _usual(size: FloatArray) -> float:
+    """Gravity in the unit that most of the rows (n,) are in."""
+    near = [np.abs(size / of - 1.0) < _NEAR for of, _ in _UNITS]
+    most = max(near, key=np.count_nonzero)
+    return float(np.median(size[most] if most.any() else size))
 
 
 def _means(values: FloatArray, count: int) -> FloatArray:
@@ -426,7 +452,10 @@ class AccelerometerReader(Reader):
         without_gravity: what to do about a log from which gravity was taken out.
     """
 
-    options: ClassVar[tuple[Option, ...]] = (POSTURES, SECONDS, DOWNWARDS, *DELIMITED_OPTIONS)
+    options: ClassVar[tuple[Option, ...]] = (
+        *(POSTURES, UNIT, SECONDS, DOWNWARDS),
+        *DELIMITED_OPTIONS,
+    )
     without_gravity: ClassVar[str] = ""
 
     def read(self, path: Path, given: Given) -> ImportedRows:
@@ -435,6 +464,7 @@ class AccelerometerReader(Reader):
             raise given.refuse(
                 SECONDS, "a duration of rests", f"with it {POSTURES.switch} FILE.csv"
             )
+        check_unit(given)
         sheet = read_sheet(path, given)
         time, axes = self.columns(sheet, given)
         pull, why = (True, "") if DOWNWARDS in given else self.points_down(path)

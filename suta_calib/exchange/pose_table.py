@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import shlex
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 from suta_calib.errors import ForeignFileError
 from suta_calib.exchange.column_names import CLOCKS, seconds_in
@@ -56,21 +58,30 @@ def read_without_options(path: Path, **options: str) -> Imported:
     try:
         return read_foreign(path, recognised(path).name, **options)
     except ForeignFileError as problem:
-        if "--" not in problem.hint:
-            raise
-        command = f"suta-calib import {shlex.quote(str(path))} --out poses.csv"
-        raise ForeignFileError(
-            problem.found,
-            problem.expected,
-            file=problem.file,
-            line=problem.line,
-            where=problem.where,
-            hint=f"{problem.hint}. Such options are those of {command}",
-        ) from None
+        raise with_command(problem, path) from None
 
 
-def read_readings(path: Path) -> Imported:
+def with_command(problem: ForeignFileError, path: Path) -> ForeignFileError:
+    """The problem of a file that is read without options, with the command that has them."""
+    if "--" not in problem.hint:
+        return problem
+    command = f"suta-calib import {shlex.quote(str(path))} --out poses.csv"
+    return ForeignFileError(
+        problem.found,
+        problem.expected,
+        file=problem.file,
+        line=problem.line,
+        where=problem.where,
+        hint=f"{problem.hint}. Such options are those of {command}",
+    )
+
+
+def read_readings(path: Path, units: Sequence[str] = ()) -> Imported:
     """Joint readings of a foreign file, or of a table in which all numbers but times are readings.
+
+    Args:
+        path: the file.
+        units: of the readings of a table; the names of its columns say them otherwise.
 
     Raises:
         ForeignFileError: as `read_without_options`.
@@ -84,4 +95,5 @@ def read_readings(path: Path) -> Imported:
         for name in numbers
         if name.lower() not in CLOCKS and not seconds_in(name)
     ]
-    return read_without_options(path, **({"joints": ",".join(joints)} if sheet.headed else {}))
+    options: dict[str, Any] = {"joints": ",".join(joints)} if sheet.headed else {}
+    return read_foreign(path, TABLE, **options, unit=tuple(units))

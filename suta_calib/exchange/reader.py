@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 import stat
 from abc import ABC, abstractmethod
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, ClassVar, Final
 
@@ -72,12 +73,38 @@ def read_foreign(path: str | Path, form: str | None = None, **options: Any) -> I
     path = Path(path)
     _refuse_pipe(path)
     reader = named(import_formats(), form) if form is not None else recognised(path)
+    if form is None:
+        _check_options(path, reader, options)
     return reader.read(path, Given(reader.options, options, reader.name))
+
+
+def _check_options(path: Path, reader: Reader, options: Mapping[str, Any]) -> None:
+    """Refuse an option that only formats have which the file was not taken for."""
+    known = {option.name for option in reader.options}
+    for name, value in options.items():
+        if name in known or value is None or value is False or value == ():
+            continue
+        takers = [
+            other.name
+            for other in import_formats().values()
+            if any(option.name == name for option in other.options)
+        ]
+        if takers:
+            switch = f"--{name.replace('_', '-')}"
+            raise ForeignFileError(
+                f"a file that was taken for {reader.name}, which has no {switch}",
+                f"a file of a format that has it: {', '.join(takers)}",
+                file=path,
+                hint=f"if it is one of these, give --format {takers[0]}; else leave {switch} out",
+            )
 
 
 def recognised(path: Path) -> Reader:
     """The format of a file; a table if no other format recognises it."""
     head = beginning(path)
+    if not head.strip() and not is_folder(path):
+        hint = "was it recorded, and written to its end?"
+        raise ForeignFileError("an empty file", "data", file=path, hint=hint)
     readers = import_formats()
     recognising = [
         reader
@@ -99,8 +126,6 @@ def recognised(path: Path) -> Reader:
             problem, "a file, or the folder of a recording", file=path, hint=hint
         )
     if not recognising and path.suffix.lower() in _NO_TABLES:
-        if not head.strip():
-            raise ForeignFileError("an empty file", "data", file=path)
         problem = f"a {path.suffix.lower()} file of an unknown format"
         expected = "a table, or a file in one of the formats"
         hint = "suta-calib import --list shows the formats; cameras, boards and arms need no import"

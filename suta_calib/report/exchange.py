@@ -88,8 +88,20 @@ def imported_document(imported: Imported, written: Path | None = None) -> Docume
     if written is not None:
         parts.append(Text(f"Written to {written}."))
         parts += _pictures(imported, written, data)
+        parts += _after_alignment(imported, written)
     title = f"{imported.source.name} as {imported.form}"
     return Document("import", title, imported.assessment, parts, data, written="files")
+
+
+def _after_alignment(imported: Imported, written: Path) -> list[Part]:
+    """What takes the file that two recordings became."""
+    if not isinstance(imported, AlignedRows):
+        return []
+    if "a_x" in imported.columns:
+        ready = shlex.join(("suta-calib", "hand-eye", str(written)))
+        return [Text(f"Next: {ready} (--setup eye-to-hand for a tracker or camera beside the arm)")]
+    row = f"{{kind: hand_eye, samples: {written}}}"
+    return [Text(f"Next: in calibration.yaml of this arm, observations: - {row}")]
 
 
 def _pictures(imported: Imported, written: Path, data: dict[str, Any]) -> list[Part]:

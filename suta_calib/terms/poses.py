@@ -65,6 +65,11 @@ class PoseSource(ABC):
         """Which of several chains of a robot has them; empty where there is only one."""
         return self.bodies.name
 
+    @property
+    def sort_of_chain(self) -> str:
+        """What sentences call it: a chain that was named after what it ends at is a link."""
+        return "chain"
+
     @cached_property
     def rests(self) -> IntArray:
         """(n,) one number, from 0, for all samples that were read at one rest of the arm.
@@ -162,6 +167,11 @@ class ArmPoses(PoseSource):
         files = np.array([file for file, _ in self.samples.files()])
         begins = (np.diff(self.rests) != 0) | (np.diff(files) != 0)
         return np.concatenate([[0], np.cumsum(begins)]).astype(np.intp)
+
+    @property
+    def sort_of_chain(self) -> str:
+        """As of `PoseSource`."""
+        return "link" if self.bodies.name == self.arm.chain.tip else "chain"
 
     @property
     def reach(self) -> float:

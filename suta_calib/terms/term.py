@@ -174,9 +174,9 @@ class Term(GivenPlaces):
 
     @property
     def of_chain(self) -> str:
-        """``of chain left``, where its arm is one chain of several; empty elsewhere."""
+        """``of chain left`` or ``of link forearm``, of several chains; empty elsewhere."""
         name = self.poses.label("default", "tip")
-        return "" if name == "default" else f" of chain {name}"
+        return "" if name == "default" else f" of {self.poses.sort_of_chain} {name}"
 
     @property
     def called(self) -> str:

@@ -45,7 +45,8 @@ def by_chain(terms: Sequence[Term]) -> Iterator[tuple[str, Sequence[Term]]]:
     yield "", terms
     chains = chains_of(terms)
     for name, arms in chains.items() if len(chains) > 1 else ():
-        yield f", in the rows of chain {name}", [t for t in terms if arm_of(t) in arms]
+        of_these = [t for t in terms if arm_of(t) in arms]
+        yield f", in the rows of {of_these[0].poses.sort_of_chain} {name}", of_these
 
 
 def with_columns(term: Term, **columns: Any) -> Term:

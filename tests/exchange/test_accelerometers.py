@@ -190,6 +190,9 @@ def test_counts_that_differ_are_told_with_the_times(tmp_path: Path) -> None:
     says = r"6 rests in the log, 0\.\d, 3\.\d, 6\.\d.* s after its beginning; expected 5, as many"
     with pytest.raises(InputError, match=says):
         imported(path, postures=str(file))
+    gap = sensor_logger(tmp_path / "gap.csv", *_without(slice(620, 980)))
+    with pytest.raises(InputError, match=r"a gap of 3\.6\d* s, 6\.\d s after its beginning"):
+        imported(gap, postures=str(postures(tmp_path / "all.csv", 6)[0]))
     twice = np.vstack([UP[:3], UP[2:]])
     disturbed = sensor_logger(tmp_path / "disturbed.csv", *log(twice))
     six, _ = postures(tmp_path / "six.csv", 6)
@@ -234,6 +237,28 @@ def test_what_may_be_wrong_is_told(tmp_path: Path) -> None:
         assert any(re.search(says, note) for note in rows.notes), rows.notes
 
 
+def test_rows_without_a_number_are_counted(tmp_path: Path) -> None:
+    felt = FELT.copy()
+    felt[[50, 400, 401], [0, 1, 2]] = np.nan
+    path = sensor_logger(tmp_path / "log.csv", TIME, felt)
+    file, _ = postures(tmp_path / "postures.csv", len(UP))
+    rows = imported(path, postures=str(file))
+    check(rows, UP)
+    assert f"3 of {len(TIME)} rows of the log have a missing number" in " ".join(rows.remarks)
+    alone = imported(table(tmp_path / "samples.csv", "joint_1,ax,ay,az", TIME[:80] / 20, felt[:80]))
+    assert (len(alone), alone.dropped) == (79, 1)
+
+
+def test_accelerations_called_x_y_z(tmp_path: Path) -> None:
+    """Any table may have these: only whoever names the format says that they are accelerations."""
+    path = table(tmp_path / "log.csv", "time,x,y,z", TIME, FELT)
+    file, _ = postures(tmp_path / "postures.csv", len(UP))
+    assert "give --format accelerometer" in " ".join(imported(path).remarks)
+    with pytest.raises(InputError, match=r"no --postures; expected a file of a format that has it"):
+        imported(path, postures=str(file))
+    check(imported(path, "accelerometer", postures=str(file)), UP)
+
+
 REFUSED: dict[str, tuple[Callable[[Path], Path], str]] = {
     "gravity taken out": (
         lambda path: sensor_logger(path, TIME, 0.001 * FELT),
@@ -251,6 +276,13 @@ REFUSED: dict[str, tuple[Callable[[Path], Path], str]] = {
         lambda path: sensor_logger(path, TIME, _harder(FELT, 6.0, 9.0, 1 / 9.81)),
         "multiply those in g by 9.80665",
     ),
+    "g and m/s² in turn": (
+        lambda path: sensor_logger(
+            path, TIME, FELT / np.where(TIME % 0.02 < 0.005, 9.81, 1)[:, None]
+        ),
+        "multiply those in g by 9.80665",
+    ),
+    "an empty file": (lambda path: (path.write_text(""), path)[1], "found an empty file"),
     "a clock that was set back": (
         lambda path: sensor_logger(path, np.where(TIME > 8.0, TIME - 3.0, TIME), FELT),
         "runs backwards",
@@ -284,6 +316,10 @@ def test_postures_in_degrees(tmp_path: Path) -> None:
     assert found.columns["lift"] == pytest.approx(np.deg2rad(10 * np.arange(len(UP))))
     assert found.columns["flex"] == pytest.approx(np.deg2rad(5 * np.arange(len(UP))))
     file.write_text(f"lift,flex\n{rows}\n")
+    found = imported(path, postures=str(file), unit="deg")
+    assert found.columns["lift"] == pytest.approx(np.deg2rad(10 * np.arange(len(UP))))
+    with pytest.raises(InputError, match=r"--unit: found a unit of joint readings"):
+        imported(path, unit="deg")
     with pytest.raises(InputError, match=r"postures.csv.*look like degrees"):
         imported(path, postures=str(file))
 

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from cli_job import answer, refused
+from cli_job import answer, printed, refused
 from recorded_motions import (
     DRIFT,
     SHIFT,
@@ -72,6 +72,8 @@ def test_three_thousand_rows_are_aligned_within_2_ms_in_5_s(tmp_path: Path) -> N
     times = ends + found["shift_s"] + 1e-6 * found["drift_ppm"] * (ends - at)
     assert np.abs(times - target.true[[0, -1]]).max() < 2e-3
     assert told["verdict"]["level"] == "good"
+    said = " ".join(printed("import", a, "--align", b, "--out", out).split())
+    assert f"Next: suta-calib hand-eye {out}" in said
     # Noise of 0.2 mm and 0.03° of the target, and of the times.
     assert np.quantile(closure(out), 0.95) < 1e-3
 
@@ -276,6 +278,10 @@ def test_a_clock_that_counts_ns_since_1970(tmp_path: Path) -> None:
     assert "read as ns since 1970" in " ".join(rows.remarks)
 
 
+def _backwards(recording: Recording) -> Recording:
+    return replace(recording, body=recording.body.take(np.arange(len(recording.true))[::-1]))
+
+
 HAND, TARGET = two_recordings(2, 700)
 TIMES: FloatArray = 0.033 * np.arange(700.0)
 REFUSED: dict[str, tuple[Callable[[Path], Path], Callable[[Path], Path], str]] = {
@@ -320,12 +326,18 @@ REFUSED: dict[str, tuple[Callable[[Path], Path], Callable[[Path], Path], str]] =
     "times in ms": (
         HAND.write,
         lambda path: TARGET.write(path, clock=1e3),
-        "s apart; expected a recording",
+        "[ms]'. Such options are those of suta-calib import",
     ),
     "times that run backwards": (
         HAND.write,
         _later(TARGET, slice(350, None), -5.0).write,
         "after 350 rows",
+    ),
+    "a motion run backwards": (HAND.write, _backwards(TARGET).write, "hand.csv, but run backwards"),
+    "rows in the opposite order": (
+        HAND.write,
+        _some(TARGET, slice(None, None, -1)).write,
+        "earlier in every row: the recording runs backwards",
     ),
     "metres and millimetres": (HAND.write, _larger(TARGET, 1e3).write, "give --unit mm"),
 }

@@ -45,6 +45,10 @@ class AnyAccelerometerReader(AccelerometerReader):
         names = renamed(sheet, given)
         axes = {str(name): names.index(name) for name in ACCELERATION if name in names}
         axes = axes if len(axes) == len(ACCELERATION) else _axes(names)
+        # Who says that it is an accelerometer's need not call them otherwise.
+        plain = [str(name).lower() for name in names]
+        if not axes and {*"xyz"} <= {*plain}:
+            axes = {a: plain.index(axis) for a, axis in zip(ACCELERATION, "xyz", strict=True)}
         times = [k for k, name in enumerate(names) if _TIME.fullmatch(name)]
         if len(axes) != len(ACCELERATION) or not times:
             raise sheet.refuse(

@@ -15,7 +15,7 @@ from suta_calib.atomic import note_input
 from suta_calib.errors import ForeignFileError, MissingExtraError
 from suta_calib.exchange.cells import is_folder, is_plain_file
 from suta_calib.exchange.clock import Between, Clock
-from suta_calib.exchange.felt_gravity import POSTURES, GravityLog
+from suta_calib.exchange.felt_gravity import POSTURES, GravityLog, check_unit
 from suta_calib.exchange.imported import ImportedRows, checked_places
 from suta_calib.exchange.moving_rows import MOVING, MovingRows, moving_arm
 from suta_calib.exchange.option import Given, Option
@@ -31,6 +31,7 @@ from suta_calib.exchange.recorded_rests import (
 )
 from suta_calib.exchange.ros_pictures import CAMERA_INFO, COMPRESSED, IMAGE, camera_of, pictures_at
 from suta_calib.exchange.rotations import rotations_from
+from suta_calib.exchange.table_roles import UNIT
 from suta_calib.exchange.tracked_bodies import BODY, INVERT, PREFIX, REFERENCE, Body, Recording
 from suta_calib.geometry.numbers import homogeneous, rotation_from_quaternion
 from suta_calib.optional_packages import load
@@ -91,7 +92,7 @@ class RosbagReader(Reader):
             INVERT,
             SECONDS,
         ),
-        *(POSTURES, MOVING),
+        *(POSTURES, UNIT, MOVING),
     )
     extra = "ros"
 
@@ -103,6 +104,7 @@ class RosbagReader(Reader):
 
     def read(self, path: Path, given: Given) -> ImportedRows:
         """Rows for the rests where there are joint states, or else for every pose."""
+        check_unit(given)
         bag = _read(path, self.extra)
         joints = _chosen(path, bag.joints, given, JOINT_TOPIC) if bag.joints else None
         poses = self._poses(path, bag, given)

@@ -24,6 +24,7 @@ from suta_calib.exchange.column_names import (
     seconds_in,
 )
 from suta_calib.exchange.delimited import DELIMITED_OPTIONS, read_sheet
+from suta_calib.exchange.felt_gravity import STANDARD_GRAVITY
 from suta_calib.exchange.imported import (
     GRID_HINT,
     ORIGIN,
@@ -299,6 +300,13 @@ class _Columns:
             hint = f"give --unit mm or --unit m; nothing is scaled automatically{grid}"
             raise self._sheet.refuse(problem, "their unit", hint=hint)
         self._notes += notes
+        size = float(np.median(np.linalg.norm(position, axis=1))) if len(position) else 0.0
+        near = np.abs(np.linalg.norm(position, axis=1) - STANDARD_GRAVITY) < 0.3
+        if size and near.mean() > 0.5 and not pose.rotation:
+            self._remarks.append(
+                f"Most positions are {size:.3g} m away, and gravity is 9.81 m/s²: if they are "
+                "accelerations, give --format accelerometer."
+            )
 
     def _beside(self) -> tuple[dict[str, NDArray[Any]], BoolArray]:
         """Columns that are no pose, and the rows in which none of their numbers is missing."""
@@ -329,6 +337,10 @@ class _Columns:
             values = sheet.values[k]
             if values is not None and (per_second := seconds_in(name)):
                 name, values = "time", values / per_second
+            if values is not None and name in _measured():
+                complete &= np.isfinite(values)
+                columns[name] = values
+                continue
             # A label stays as it is written: 1, not 1.0.
             if values is None or name in labels or not np.isfinite(values).all():
                 columns[name] = np.array(sheet.cells(k))
@@ -444,6 +456,11 @@ def _first_disagreement(a: FloatArray | None, b: FloatArray | None) -> int | Non
     off = np.abs((a - a[0]) - (b - b[0]))
     disagreeing = np.flatnonzero(off > step / 2)
     return int(disagreeing[0]) if len(disagreeing) else None
+
+
+def _measured() -> set[str]:
+    """Columns of samples with numbers that belong to every row of a kind, such as ``ax``."""
+    return {column.name for kind in KINDS.values() for column in kind.columns.numbers}
 
 
 def _labels() -> set[str]:
