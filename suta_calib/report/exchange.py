@@ -100,8 +100,12 @@ def _after_alignment(imported: Imported, written: Path) -> list[Part]:
     if "a_x" in imported.columns:
         ready = shlex.join(("suta-calib", "hand-eye", str(written)))
         return [Text(f"Next: {ready} (--setup eye-to-hand for a tracker or camera beside the arm)")]
-    row = f"{{kind: hand_eye, samples: {written}}}"
-    return [Text(f"Next: in calibration.yaml of this arm, observations: - {row}")]
+    return [
+        Text(
+            f"Next: name {written} as samples in the calibration.yaml of this arm (suta-calib init "
+            "starts one)."
+        )
+    ]
 
 
 def _pictures(imported: Imported, written: Path, data: dict[str, Any]) -> list[Part]:

@@ -200,6 +200,7 @@ def _data(choice: ModelSelection) -> Json:
         "all_geometry": choice.chosen.geometry,
         "undecided": choice.undecided,
         "rows": [row_dict(row) for row in choice.rows],
+        "gear_ratios": {gear.joint: gear.ratio for gear in choice.gears},
         "folds": list(choice.folds),
         "residual_tests": TESTS.records(choice.tests),
         "validation": validated,

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
+from copy import copy
 from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
 from typing import TYPE_CHECKING, Any, Final
@@ -243,6 +244,12 @@ class ArmPoses(PoseSource):
         """The poses of some samples, each later by its lag times an unknown."""
         poses = self.take(rows)
         poses.lag, poses.delay = lag, delay
+        return poses
+
+    def of_arm(self, arm: ArmModel) -> ArmPoses:
+        """The same readings of the same chain with other nominal values (`ArmModel.at`)."""
+        poses = copy(self)
+        poses.arm = arm
         return poses
 
     def take(self, rows: ArrayLike) -> ArmPoses:

@@ -25,6 +25,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, Final
 
+from suta_calib.analysis.model_selection.gear_search import FoundRatio, found_ratios
 from suta_calib.arguments import checked
 from suta_calib.assessment import Assessment, judged
 from suta_calib.display import Displayable
@@ -33,18 +34,20 @@ from suta_calib.model.parameters import (
     BACKLASH,
     COUPLING,
     DECAY,
+    GEAR_RATIO,
     HYSTERESIS,
     PLAUSIBLE,
+    RIPPLE,
     Family,
     ParameterSet,
     Selection,
 )
-from suta_calib.model.robot import AnyArm
+from suta_calib.model.robot import AnyArm, same_chain
 from suta_calib.solver.options import SolverOptions
 from suta_calib.solver.problem import Problem
 from suta_calib.solver.solution import Solution
 from suta_calib.solver.solve import Progress, solve
-from suta_calib.terms import Term
+from suta_calib.terms import ArmPoses, Term
 from suta_calib.threads import single_threaded
 from suta_calib.trust.assessment import assess_calibration
 from suta_calib.trust.calibration_examination import CalibrationExamination
@@ -112,6 +115,7 @@ class ModelSelection(Displayable):
         calibration: whether that may be used.
         validated: Huber-limited RMS on data that took no part in the choice, m, with the job's
             model and with the chosen one; None without such data.
+        gears: ratios that were found, of the joints whose ripple was added.
     """
 
     tried: tuple[ModelCandidate, ...]
@@ -122,6 +126,7 @@ class ModelSelection(Displayable):
     solution: Solution
     calibration: Assessment
     validated: tuple[float, float] | None = None
+    gears: tuple[FoundRatio, ...] = ()
 
     @property
     def unit(self) -> Unit:
@@ -198,6 +203,14 @@ class ModelSelection(Displayable):
                 "geometry; the tip is correct only with the corrections of result.json, which "
                 "track --result applies."
             )
+        for gear in self.gears:
+            also = f" ({listed([*map(str, gear.others)], 8)} fit as well)" if gear.others else ""
+            notes.append(
+                f"The gear ratio of {gear.joint} was found in the residuals: {gear.ratio}{also}. "
+                f"The chance of such a ripple without one is {gear.chance:.1g}, for all joints and "
+                "ratios that were looked at. State the ratio in the job with the rows: arm: "
+                f"{{gear_ratios: {{{gear.joint}: {gear.ratio}}}}}. Check it in the data sheet."
+            )
         if self.undecided:
             notes.append(
                 "More parameters reduce the errors, but these data do not show whether the cause "
@@ -243,7 +256,40 @@ def choose_model(
         ParameterError: no arm with a revolute joint.
         SamplesError: too few samples to leave any out, or a job that cannot be fitted without them.
     """
-    search = _Search(tuple(terms), parameters, folds_of(terms, seed), families, progress)
+    terms, validation = tuple(terms), tuple(validation)
+    choice = _choose(terms, parameters, validation, families, seed, progress)
+    arm = choice.solution.problem.arm
+    gears = found_ratios(CalibrationExamination.of(choice.solution))
+    if arm is None or not gears:
+        return choice
+    # Residuals show them; left-out data must confirm them as they do anything else.
+    geared = arm.at({f"{gear.joint}.{GEAR_RATIO}": float(gear.ratio) for gear in gears})
+    of_geared = [_of_arm(some, geared) for some in (terms, validation)]
+    again = _choose(of_geared[0], parameters, of_geared[1], families, seed, progress)
+    used = tuple(g for g in gears if {f"{g.joint}.{key}" for key in RIPPLE} & {*again.added})
+    return replace(again, gears=used) if used else choice
+
+
+def _of_arm(terms: Sequence[Term], arm: AnyArm) -> tuple[Term, ...]:
+    """The terms over the same chains of an arm with other nominal values."""
+    return tuple(
+        term.over_poses(term.poses.of_arm(same_chain(term.poses.arm, arm)))
+        if isinstance(term.poses, ArmPoses)
+        else term
+        for term in terms
+    )
+
+
+def _choose(
+    terms: tuple[Term, ...],
+    parameters: ParameterSet,
+    validation: tuple[Term, ...],
+    families: bool,
+    seed: int,
+    progress: Progress | None,
+) -> ModelSelection:
+    """The search, with the gears that the arm has."""
+    search = _Search(terms, parameters, folds_of(terms, seed), families, progress)
     job = search.start("as the job has it", geometry=False)
     if job is None:
         raise SamplesError(
