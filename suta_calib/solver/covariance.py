@@ -27,6 +27,7 @@ from suta_calib.solver.artefact_and_scale import (
     without_shared_errors,
 )
 from suta_calib.solver.evaluation import AT_ONCE
+from suta_calib.solver.felt_noise import felt_noise_error
 from suta_calib.solver.fitted import Fitted
 from suta_calib.solver.held_geometry import HeldGeometry, held_geometry, seating_covariance
 from suta_calib.solver.information import Information, Rows, scaled_inverse
@@ -65,8 +66,9 @@ class Spread:
         What holds for other data of the same instrument, artefact or board.
         """
         parts = self._parts
-        seating = seating_covariance(self.fit)
-        return np.asarray(parts.scatter + parts.artefact + self.learned + seating)
+        by_sensors = felt_noise_error(self.fit)
+        beside = seating_covariance(self.fit) + np.outer(by_sensors, by_sensors)
+        return np.asarray(parts.scatter + parts.artefact + self.learned + beside)
 
     @cached_property
     def held(self) -> HeldGeometry | None:

@@ -240,6 +240,19 @@ class ArmPoses(PoseSource):
         poses.clock = name
         return poses
 
+    def with_felt_error(self, felt: str, error: FloatArray) -> ArmPoses:
+        """The same, of which a tilt sensor has this error (3,) in every row, in parts of gravity.
+
+        It is less where rows of one rest were averaged.
+        """
+        poses, up = copy(self), self._up_felt[felt]
+        poses.__dict__.pop("conditions", None)
+        rests = self._one_after_the_other()
+        off = up + np.outer(up.any(axis=1) / np.sqrt(np.bincount(rests)[rests]), error)
+        length = np.linalg.norm(off, axis=1, keepdims=True)
+        poses._up_felt = {**self._up_felt, felt: off / np.where(length > 0, length, 1.0)}
+        return poses
+
     def late(self, rows: IntArray, lag: FloatArray, delay: str) -> ArmPoses:
         """The poses of some samples, each later by its lag times an unknown."""
         poses = self.take(rows)

@@ -14,7 +14,9 @@ from suta_calib.exchange.writer import write_foreign
 from suta_calib.geometry.numbers import rotation_from_vector
 from suta_calib.job import CalibrationJob
 from suta_calib.job.calibration import Calibration
+from suta_calib.model.tilt import is_share
 from suta_calib.simulation import read_simulation, simulate
+from suta_calib.solver.felt_noise import felt_noise_error
 from suta_calib.terms import ArmPoses, Setup
 from suta_calib.tracking.uncertainty import read_uncertainty
 from tests.support.cli_job import answer
@@ -209,23 +211,35 @@ sets:
 """
 
 
-def test_shares_and_turns_are_as_sure_as_they_say() -> None:
-    """Over eight robots, with sensors that are averaged at rest."""
+@pytest.mark.parametrize("felt_noise", [2e-5, 1e-4])
+def test_shares_and_turns_are_as_sure_as_they_say(felt_noise: float) -> None:
+    """Over eight robots, with sensors that are averaged at rest, or read once.
+
+    Forty robots whose sensors are read once: shares are off by 0.99 and 1.03 of their ±, of which
+    noise in the derivatives is most (1.5 and 1.3 without it).
+    """
     truth = {
         "tilt[base_link].share": GROUND.base_share,
         "tilt[column].share": GROUND.column_share,
         "tilt[column].turn": float(MOUNTS["column"][2]),
     }
-    off = []
+    off, biases = [], []
     for seed in range(8):
         rng = np.random.default_rng(seed)
-        data = measured(rng, 100, built(rng), felt_noise=2e-5)
+        data = measured(rng, 100, built(rng), felt_noise=felt_noise)
         arm = column_robot()
         job = CalibrationJob.of_terms(arm, tracked(arm, data))
-        found = solve(job.problem(), job.options()).estimates
+        solution = solve(job.problem(), job.options())
+        found = solution.estimates
+        bias = felt_noise_error(solution.spread.fit)
+        shares = [solution.problem.names.index(name) for name in truth if is_share(name)]
+        biases.append(bias[shares])
         off.append(
             [(found[n].value - true) / (found[n].std or np.inf) for n, true in truth.items()]
         )
     spread = np.sqrt(np.mean(np.square(off), axis=0))
     assert np.all(spread > 0.3), spread
     assert np.all(spread < 2.0), spread
+    # Noise makes a base seem to turn higher, and its column lower.
+    base, column = np.mean(biases, axis=0)
+    assert (base > 0.02 and column < -0.01) if felt_noise > 5e-5 else abs(base) < 0.01
