@@ -39,8 +39,8 @@ from suta_calib.optional_packages import load
 PROVEN: Final = 1e-6
 # Relative to the cost; what closed forms prove as well as this, a program need not prove better.
 TIGHT: Final = 1e-9
-# Rotations from which on a semidefinite program takes minutes: its cone grows with their square.
-MOST_IN_PROGRAM: Final = 4
+# Rotations of which a semidefinite program takes six seconds; it grows with their sixth power.
+MOST_IN_PROGRAM: Final = 8
 # Relative singular value below which the rows do not tell a position.
 ROUNDING: Final = 1e-12
 
@@ -218,7 +218,8 @@ def bounded(
     lacking = max(rounding - float(values[0]), 0.0)
     lacking = 0.0 if lacking == 0.0 else lacking + rounding
     by_slope = float(np.sum((axes.T @ g) ** 2 / np.maximum(values + lacking, 1e-300)))
-    return Bound(rotations, cost, by_slope + lacking * len(rotations) * 3.0 + lacking)
+    # No sum of squares is below zero.
+    return Bound(rotations, cost, min(by_slope + lacking * (3.0 * len(rotations) + 1.0), cost))
 
 
 def _cost(jacobian: FloatArray, rotations: FloatArray) -> float:

@@ -129,6 +129,27 @@ def test_what_is_not_proven_is_said_with_the_verdict(monkeypatch: pytest.MonkeyP
     assert answer.assessment.level == "care"
 
 
+def test_what_is_not_determined_is_refused_before_anything_is_proven(
+    repository: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    lines = (repository / "data" / "poses" / "hand_eye.csv").read_text().splitlines()
+    file = tmp_path / "one_pose.csv"
+    names = lines[0].split(",")
+    first = lines[1].split(",")
+    same = [
+        ",".join(
+            a if n.startswith("a_") else b
+            for n, a, b in zip(names, first, row.split(","), strict=True)
+        )
+        for row in lines[1:]
+    ]
+    file.write_text("\n".join([lines[0], *same]))
+    assert run(["hand-eye", str(file), "--certify"]) == 2
+    said = capsys.readouterr()
+    assert "expected a new pose in every row" in said.err
+    assert "roven" not in said.out + said.err
+
+
 def test_another_minimum_of_the_robust_cost_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(proof, "leads_to", lambda *_: False)
     answer = with_proof(calibrate_hand_eye(*pairs(15, PoseNoise(1e-3, 1e-3))))

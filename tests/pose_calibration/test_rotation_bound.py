@@ -82,6 +82,27 @@ def test_a_local_minimum_is_not_proven_and_the_program_leaves_it() -> None:
     assert best.cost == pytest.approx(costs.min(), rel=1e-9)
 
 
+def test_where_the_relaxation_is_not_tight_the_bound_says_how_far() -> None:
+    """Rows of random numbers are no calibration: rotations have no such sum of squares."""
+    jacobian = np.random.default_rng(2).normal(size=(78, 19))
+    starts = random_rotations(np.random.default_rng(0), 400).reshape(200, 2, 3, 3)
+    costs = [np.sum((jacobian @ stacked_turns(descended(jacobian, s))) ** 2) for s in starts]
+    found = best_rotations(jacobian, starts[0])
+    assert "a lower minimum than any rotations that were found" in found.trouble
+    assert not found.proven(0.0)
+    # Far better than nothing: a few parts in a hundred below the best of many starts.
+    assert min(costs) * 0.9 < found.cost - found.below <= min(costs)
+    assert found.cost == pytest.approx(min(costs), rel=1e-9)
+
+
+def test_many_rotations_need_no_program_where_rows_agree(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(rotation_bound, "MOST_IN_PROGRAM", 1)
+    jacobian = np.random.default_rng(2).normal(size=(78, 19))
+    found = best_rotations(jacobian, random_rotations(np.random.default_rng(0), 2))
+    assert "too many for the semidefinite program" in found.trouble
+    assert 0.0 < found.below <= found.cost
+
+
 def test_without_the_solver_a_local_minimum_says_what_to_install(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
