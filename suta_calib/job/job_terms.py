@@ -122,7 +122,10 @@ def read_term(
 def _of_other_chain(robot: Robot, chain: str, error: SamplesError) -> str:
     """What to do about a file that lacks readings of its chain and may be of another one."""
     if isinstance(error, EmptyCellError):
-        return "rows of two chains in one file: give each chain a file of its own"
+        return (
+            "fill in the reading, or delete the row; if these are rows of two chains in one file, "
+            "give each chain a file of its own"
+        )
     assert error.file is not None
     ranges = {name: joint_ranges(arm) for name, arm in robot.laid_out.items()}
     suits = [name for name, joints in ranges.items() if has_readings(error.file, joints)]

@@ -170,6 +170,27 @@ def test_curves_of_joints_as_a_python_file() -> None:
     assert len(rows) == 1 + sum(len(curve["reading"]) for curve in record["curves"])
 
 
+def test_what_must_be_applied_with_the_map() -> None:
+    """A URDF holds no eccentricity: with calibrated.urdf alone the map is not right."""
+    of_geometry = found("ripple")
+    assert not of_geometry.beside
+    assert of_geometry.assessment.level == "good"
+    eccentric = "joint_2.ecc_c1"
+    both = replace(of_geometry, values={**of_geometry.values, eccentric: 1e-3})
+    assert both.assessment.level == "care"
+    (note,) = both.assessment.notes[:1]
+    assert note.startswith("residual_map.py does not correct calibrated.urdf alone")
+    assert eccentric in note
+    off = both.arm.forward(both.residuals.q, both.values)[1]
+    off = off - both.arm.forward(both.residuals.q, of_geometry.values)[1]
+    assert f"{1e3 * np.sqrt(np.mean(np.sum(off**2, axis=1))):.3f} mm (RMS" in note
+    record = correction_record(both)
+    assert record is not None
+    text = python_text(record)
+    assert f"It was found beside parameters that no URDF holds: {eccentric}." in text
+    assert module(text)["correction"](ARM.joints[0], 99.0)[0] == 0.0
+
+
 def test_a_map_over_posture_as_a_python_file() -> None:
     record = correction_record(found("bow"))
     assert record is not None

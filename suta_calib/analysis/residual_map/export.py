@@ -23,13 +23,18 @@ Written by suta-calib residual-map. It needs nothing but Python 3; readings are 
 joint slides), as the device gives them.
 
 {usage}
-
+{together}
 Left-out errors of the tip: {before:.4g} mm RMS without it, {after:.4g} mm with it.
 """
 
 import math
 {imports}
 '''
+_BESIDE: Final = """
+It was found beside parameters that no URDF holds: {beside}.
+Apply these first (result.json of the calibration has them), then this: with calibrated.urdf alone
+it is not right.
+"""
 _JOINTS: Final = '''
 
 def correction(joint, reading):
@@ -91,6 +96,7 @@ def correction_record(residual_map: ResidualMap) -> dict[str, Any] | None:
         "tip": residual_map.arm.tip,
         "left_out_rms_m": [before, after],
         "noise_m": residual_map.noise,
+        "beside": list(residual_map.beside),
         # What it was fitted after, to be told from another calibration.
         "parameters": {
             name: value
@@ -157,6 +163,9 @@ def _spread_out(rows: FloatArray) -> list[int]:
 def python_text(record: Mapping[str, Any]) -> str:
     """A Python module that corrects readings, or the tip, without this package."""
     before, after = (1e3 * rms for rms in record["left_out_rms_m"])
+    # Earlier records do not say it.
+    beside = [_plain(name) for name in record.get("beside", ())]
+    together = _BESIDE.format(beside=", ".join(beside)) if beside else ""
     robot = _plain(record["robot"])
     if record["sort"] == "joints":
         joint = _plain(record["curves"][0]["joint"])
@@ -173,6 +182,7 @@ def python_text(record: Mapping[str, Any]) -> str:
         head = _HEAD.format(
             about=about,
             usage=usage,
+            together=together,
             before=before,
             after=after,
             imports="from bisect import bisect_right\n",
@@ -184,7 +194,9 @@ def python_text(record: Mapping[str, Any]) -> str:
         f'    plus_minus = std({{"{joint}": 0.1, ...}})'
     )
     about = f"How far the tip of {robot} is from where its calibration puts it."
-    head = _HEAD.format(about=about, usage=usage, before=before, after=after, imports="")
+    head = _HEAD.format(
+        about=about, usage=usage, together=together, before=before, after=after, imports=""
+    )
     keys = ("joints", "lengths", "unknown_m", "postures", "weights", "support", "matrix")
     names = (key.removesuffix("_m").upper() for key in keys)
     lines = (f"{n} = {_literal(record[k])}\n" for n, k in zip(names, keys, strict=True))
