@@ -12,10 +12,27 @@ from suta_calib.cli._output import LateProgress, answer_command
 from suta_calib.errors import BoardError, InputError, OutputError
 from suta_calib.geometry.lens import LENSES
 from suta_calib.measurements import read_board, read_camera, write_camera, write_corners
+from suta_calib.measurements.csv_table import number_in
+from suta_calib.measurements.seen_points import write_seen_points
 from suta_calib.report.detect import detect_document
 from suta_calib.report.document import Document
-from suta_calib.vision import CameraFitOptions, DetectionOptions, find_pictures
+from suta_calib.vision import (
+    CameraFitOptions,
+    DetectionOptions,
+    board_depth,
+    find_depth,
+    find_pictures,
+)
 from suta_calib.vision import detect as detected
+
+
+def _unit(value: str) -> float:
+    """How many m one step of the depth is: a unit by its name, or a number."""
+    step = {"mm": 1e-3, "m": 1.0}.get(value) or number_in(value)
+    # From a micrometre to a metre.
+    if not 1e-6 <= step <= 1.0:
+        raise click.BadParameter(f"found {value!r}; expected mm, m, or the m of a step: 0.0002")
+    return step
 
 
 @answer_command
@@ -36,6 +53,21 @@ from suta_calib.vision import detect as detected
 )
 @option("--camera-out CAMERA.yaml", "File for the calibrated camera.", WRITTEN)
 @option(
+    "--depth FOLDER",
+    "Folder of depth that belongs to the pictures pixel by pixel, by their names: 16-bit PNG or "
+    "TIFF, floating-point TIFF, or NPY. The corners are then found in 3-D too.",
+    PATH,
+    name="depth",
+)
+@option(
+    "--depth-unit UNIT",
+    "Unit of the depth: mm, m, or how many m one step is, such as 0.0002; default: mm for whole "
+    "numbers, m for others.",
+    _unit,
+    name="step",
+)
+@option("--points-out POINTS.csv", "File for the corners in 3-D, of --depth.", WRITTEN)
+@option(
     "--report DIR", "Write detect.json, pictures (SVG) and report.html there.", Folder(), name="out"
 )
 @flag("--pictures", "Also write each picture, with the corners found in it.")
@@ -46,15 +78,22 @@ def detect(
     known: Path | None,
     lens: str | None,
     camera_out: Path | None,
+    depth: Path | None,
+    step: float | None,
+    points_out: Path | None,
     pictures: bool,
 ) -> Document:
     """Find the corners of a board in pictures, and calibrate the camera that took them.
 
     IMAGES are picture files or folders of them. Pictures that cannot be used are listed and left
-    out. `hand-eye --corners` and jobs of camera_view read the files of corners and camera. The exit
-    code is 1 if the camera's file does not fit the pictures, or the pictures do not determine the
-    camera.
+    out. `hand-eye --corners` and jobs of camera_view read the files of corners and camera, jobs of
+    points the corners in 3-D. The exit code is 1 if the camera's file does not fit the pictures,
+    or the pictures do not determine the camera.
     """
+    if depth is None and (points_out is not None or step is not None):
+        raise click.UsageError(
+            "--points-out and --depth-unit need the folder of the depth: --depth"
+        )
     if known is not None and camera_out is not None:
         raise click.UsageError(
             "give either --camera (the camera is known) or --camera-out (it is calibrated), not "
@@ -64,7 +103,7 @@ def detect(
         raise click.UsageError("--camera names its lens: give either --camera or --lens, not both")
     if pictures and click.get_current_context().params["out"] is None:
         raise click.UsageError("--pictures needs a folder for the pictures: give --report")
-    outputs = [each for each in (file, camera_out) if each is not None]
+    outputs = [each for each in (file, camera_out, points_out) if each is not None]
     for path in outputs:
         if not path.parent.is_dir() or path.is_dir():
             what = "a folder" if path.is_dir() else f"no folder {path.parent}"
@@ -79,12 +118,18 @@ def detect(
             detection = detected(found_files, sought, camera, options, progress)
         except BoardError as problem:
             raise BoardError.of(problem, board, problem.line) from None
+    in_depth = None
+    if depth is not None:
+        files = find_depth(found_files, depth)
+        check_outputs(outputs, [*files.values()])
+        with LateProgress("reading depth") as progress:
+            in_depth = board_depth(detection, files, step, progress)
     if camera_out is not None and detection.fit is None:
         reason = next(iter(detection.assessment.notes), "")
         raise InputError(
             "pictures that do not determine the camera", "pictures that determine it", hint=reason
         )
-    answer = detect_document(detection, pictures=pictures)
+    answer = detect_document(detection, pictures=pictures, depth=in_depth)
     written: dict[str, str] = {}
     if file is not None and detection.assessment.usable:
         write_corners(file, detection.corners)
@@ -92,4 +137,7 @@ def detect(
     if camera_out is not None and detection.fit is not None and detection.assessment.usable:
         write_camera(camera_out, detection.fit.camera)
         written["camera_file"] = str(camera_out)
+    if points_out is not None and in_depth is not None and detection.assessment.usable:
+        write_seen_points(points_out, in_depth.points)
+        written["points_file"] = str(points_out)
     return answer.with_data(**written, input=[str(path) for path in images])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -13,6 +14,7 @@ from numpy.typing import NDArray
 from suta_calib.arrays import FloatArray
 from suta_calib.display import Displayable
 from suta_calib.errors import SamplesError
+from suta_calib.geometry.numbers import register_points
 from suta_calib.measurements.csv_table import (
     SIGMAS,
     position_sigma_columns,
@@ -103,3 +105,32 @@ def write_seen_points(path: Path, points: SeenPoints) -> None:
         OutputError: the file cannot be written; what was there is untouched.
     """
     write_text(path, seen_points_text(points))
+
+
+def seen_size(pictures: Sequence[tuple[FloatArray, FloatArray]]) -> tuple[float, float] | None:
+    """How many times as large as its file says a board is seen, and its standard deviation.
+
+    From points (k, 3) on the board and in the camera, m, of each picture; None of no pictures. Of
+    one picture alone the standard deviation is infinite.
+    """
+    sizes = []
+    for on_board, seen in pictures:
+        R, _ = register_points(on_board, seen)
+        about = on_board - on_board.mean(axis=0)
+        sizes.append(float(np.sum((about @ R.T) * seen) / np.sum(about**2)))
+    if not sizes:
+        return None
+    spread = float(np.std(sizes, ddof=1)) if len(sizes) > 1 else np.inf
+    return float(np.median(sizes)), spread / np.sqrt(len(sizes))
+
+
+def unit_hint(times: float) -> str:
+    """Which unit lengths are in that are so many times too large; empty for none that is known."""
+    units = {
+        1000.0: "mm, where m are expected",
+        0.001: "m, where mm are expected",
+        25.4: "mm, where inches are expected",
+        1 / 25.4: "inches, where mm are expected",
+    }
+    # What is wrong with a scale beside its unit is a few per cent.
+    return next((text for factor, text in units.items() if abs(times / factor - 1) < 0.1), "")

@@ -14,12 +14,13 @@ from suta_calib.plotting.look import BLUE, GREY, WIDTH
 from suta_calib.report.document import Document, Figure, File, Part, Text
 from suta_calib.report.listing import Column, Json, Listing
 from suta_calib.report.svg import picture, svg_text
-from suta_calib.units import Unit, text
+from suta_calib.units import Unit, mm, text
 from suta_calib.vision import drawn
+from suta_calib.words import listed
 
 if TYPE_CHECKING:
     from suta_calib.measurements import Camera
-    from suta_calib.vision import Detection, SearchedPicture
+    from suta_calib.vision import BoardDepth, Detection, SearchedPicture
     from suta_calib.vision.camera_fit import CameraFit
 
 NAME: Final = "detect"
@@ -89,7 +90,9 @@ def camera_record(camera: Camera) -> Json:
     return record
 
 
-def detect_document(detection: Detection, *, pictures: bool = False) -> Document:
+def detect_document(
+    detection: Detection, *, pictures: bool = False, depth: BoardDepth | None = None
+) -> Document:
     """Pictures with the board and without, and the camera; ``NAME.found.jpg`` of each if asked."""
     # Most pictures of a table on a console; JSON and the page have all.
     many = len(detection.views) > 40
@@ -101,6 +104,8 @@ def detect_document(detection: Detection, *, pictures: bool = False) -> Document
     if detection.rms is not None:
         sentence += f"; reprojection RMS {text(detection.rms, 'px', with_unit=True)} (2-D)"
     parts.append(Text(sentence))
+    if depth is not None:
+        parts.append(Text(_depth_sentence(depth)))
     if detection.camera is not None:
         by = "calibrated from these pictures" if detection.fit else "as given"
         title = f"Camera ({detection.camera.lens.name}), {by}"
@@ -134,7 +139,28 @@ def detect_document(detection: Detection, *, pictures: bool = False) -> Document
         data["covered"] = detection.fit.covered
         sure = detection.fit.projection
         data["projection_std_px"] = {"middle": sure.middle, "worst": sure.worst}
-    return Document(NAME, "Corners in pictures", detection.assessment, parts, data)
+    assessment = detection.assessment
+    if depth is not None:
+        assessment = assessment.with_care(depth.notes)
+        data |= {
+            "points": len(depth.points),
+            "points_rms_mm": None if depth.middle_rms is None else mm(depth.middle_rms),
+            "points_size": None if depth.size is None else depth.size[0],
+            "corners_without_depth": dict(depth.lost),
+        }
+    return Document(NAME, "Corners in pictures", assessment, parts, data)
+
+
+def _depth_sentence(depth: BoardDepth) -> str:
+    """How many corners have a depth, and how well they fit the board."""
+    lost = sum(depth.lost.values())
+    sentence = f"{len(depth.points)} of {len(depth.points) + lost} corners were found in 3-D"
+    if depth.middle_rms is not None:
+        rms = text(depth.middle_rms, "m", with_unit=True)
+        away = text(float(np.median(depth.points.position[:, 2])), "m", with_unit=True)
+        sentence += f". They are {rms} (3-D RMS) from the corners of the board, at {away}"
+    why = [f"{count}: {reason}" for reason, count in depth.lost.items()]
+    return f"{sentence}. Left out: {listed(why)}" if why else sentence
 
 
 def _file_name(picture: str) -> str:

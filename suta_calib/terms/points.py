@@ -20,9 +20,10 @@ from suta_calib.measurements import Board, SampleColumns, YamlSection, read_boar
 from suta_calib.measurements.depth_noise import TYPICAL, DepthNoise, ray_axes
 from suta_calib.measurements.fields import FILE, TEXT, Field, Fields, Value, choice, mapping
 from suta_calib.measurements.pose_files import FAR, NEAR
-from suta_calib.measurements.seen_points import SeenPoints, read_seen_points
+from suta_calib.measurements.seen_points import SeenPoints, read_seen_points, seen_size, unit_hint
 from suta_calib.model.parameters import PLACEMENT, POSITION, End, Parameter
 from suta_calib.terms.block import LEARNT, Block, Noise, Pose, Residual, flat, grouped, pose_of
+from suta_calib.terms.board_pictures import QUOTED, half_turned
 from suta_calib.terms.checks import check_unit
 from suta_calib.terms.external_frame import (
     ExternalFrame,
@@ -38,6 +39,7 @@ from suta_calib.terms.hand_eye_start import (
     EYE_IN_HAND,
     EYE_TO_HAND,
     FEWEST,
+    HALF_TURN,
     EyeSetup,
     Poses,
     agreeing_hand_eye,
@@ -223,7 +225,44 @@ class DepthPoints(FramedTerm):
         file = given.pop("points", None)
         if file is not None:
             poses = _with_points(poses, read_seen_points(file))
-        return cls(poses, noise=setup.noise, label=setup.label, **given)
+        return cls(poses, noise=setup.noise, label=setup.label, **given).numbered_alike()
+
+    @classmethod
+    def over_arrays(cls, poses: PoseSource, given: Mapping[str, Any]) -> Self:
+        """Build it from arrays, as from files."""
+        return super().over_arrays(poses, given).numbered_alike()
+
+    def numbered_alike(self) -> Self:
+        """The same with a board that looks the same after half a turn numbered from one end.
+
+        As most pictures have it, judged by the rotations of the hand between them.
+        """
+        if self.board is None or not self.board.symmetric or not self._posed:
+            return self
+        seen = np.array([register_points(*pair)[0] for pair in self._pictures])
+        first = np.array([rows[0] for rows in self._posed])
+        hand, _ = as_eye_in_hand(self.poses.at({}), self.setup)
+        turned = np.flatnonzero(half_turned(hand[first], seen, seen @ HALF_TURN))
+        if not len(turned):
+            return self
+        samples = self.poses.samples
+        names = samples.labels.get("image", np.array(samples.origin))[first[turned]]
+        warnings.warn(
+            "points: the board looks the same after half a turn. In "
+            f"{listed([str(name) for name in names], QUOTED)} its corners are numbered from the "
+            "other end than in most pictures, judged by the rotations of the hand between them. "
+            "They are renumbered there",
+            SutaCalibWarning,
+            stacklevel=2,
+        )
+        # Half a turn brings the first point onto the last.
+        numbers = [str(number) for number in self.board.points]
+        other = dict(zip(numbers, reversed(numbers), strict=True))
+        labels = samples.labels[self.mark].tolist()
+        for row in np.concatenate([self._posed[k] for k in turned]):
+            labels[row] = other[labels[row]]
+        samples = replace(samples, labels={**samples.labels, self.mark: np.array(labels)})
+        return self.over_poses(self.poses.with_samples(samples))
 
     @classmethod
     def read_settings(cls, row: YamlSection) -> dict[str, Any]:
@@ -487,16 +526,12 @@ class DepthPoints(FramedTerm):
         most = 0.1
         if size is None or abs(size[0] - 1.0) <= most:
             return
-        times = size[0]
-        # What a unit, taken for another one, is off by; a tenth of it is left for the rest.
-        units = {1000.0: "mm, where m are expected", 25.4: "inches, where mm are expected"}
-        units |= {1 / factor: _exchanged(text) for factor, text in units.items()}
-        like = [text for factor, text in units.items() if abs(times / factor - 1.0) < most]
-        far_off = f"{times:.3g} times as far apart as board.yaml has them"
+        far_off = f"{size[0]:.3g} times as far apart as board.yaml has them"
+        unit = unit_hint(size[0])
         hint = (
-            f"the points seem to be in {like[0]}: use columns x_mm, y_mm, z_mm for mm, and "
+            f"the points seem to be in {unit}: use columns x_mm, y_mm, z_mm for mm, and "
             "suta-calib detect --depth-unit for pictures of depth"
-            if like
+            if unit
             else "check the size of the squares in board.yaml, the unit of the depth, and the "
             "camera's file"
         )
@@ -505,16 +540,7 @@ class DepthPoints(FramedTerm):
     @cached_property
     def _size(self) -> tuple[float, float] | None:
         """How many times as large as its file says the board is seen, with its ±."""
-        sizes = [
-            float(np.sum((b @ R.T) * (s - s.mean(axis=0))) / np.sum(b**2))
-            for on_board, s in self._pictures
-            for b in [on_board - on_board.mean(axis=0)]
-            for R, _ in [register_points(on_board, s)]
-        ]
-        if not sizes:
-            return None
-        spread = float(np.std(sizes, ddof=1)) if len(sizes) > 1 else np.inf
-        return float(np.median(sizes)), spread / np.sqrt(len(sizes))
+        return seen_size(self._pictures)
 
     @property
     def doubts(self) -> Mapping[str, Level]:
@@ -565,12 +591,6 @@ class DepthPoints(FramedTerm):
 def _away(points: FloatArray) -> float:
     """Middle distance of points (n, 3), mm."""
     return float(mm(np.median(np.linalg.norm(points, axis=1))))
-
-
-def _exchanged(text: str) -> str:
-    """``m, where mm are expected`` for ``mm, where m are expected``."""
-    there, _, expected = text.partition(", where ")
-    return f"{expected.removesuffix(' are expected')}, where {there} are expected"
 
 
 def _spread_out(points: FloatArray) -> bool:

@@ -2,6 +2,10 @@ from .camera_fit import CameraFit as CameraFit
 from .camera_fit import CameraFitOptions as CameraFitOptions
 from .camera_fit import calibrate_camera as calibrate_camera
 from .camera_fit import view_poses as view_poses
+from .depth import BoardDepth as BoardDepth
+from .depth import board_depth as board_depth
+from .depth import find_depth as find_depth
+from .depth import read_depth as read_depth
 from .detection import Detection as Detection
 from .detection import DetectionOptions as DetectionOptions
 from .detection import SearchedPicture as SearchedPicture
@@ -12,3 +16,4 @@ from .pictures import find_pictures as find_pictures
 from .pictures import read_picture as read_picture
 from .rendering import RenderOptions as RenderOptions
 from .rendering import rendered as rendered
+from .rendering import rendered_depth as rendered_depth

@@ -11,6 +11,7 @@ from suta_calib.arrays import BoolArray, FloatArray
 from suta_calib.geometry.lens import Lens
 from suta_calib.measurements.board import Board, Charuco, Chessboard, Markers
 from suta_calib.measurements.camera import Camera
+from suta_calib.measurements.depth_noise import DepthNoise
 from suta_calib.vision.markers import marker_bits, marker_cells
 from suta_calib.vision.opencv import opencv
 from suta_calib.vision.pictures import Grey
@@ -81,6 +82,35 @@ def rendered(
         picture = opencv().GaussianBlur(picture, (0, 0), how.blur)
     noisy = picture + how.noise * random.standard_normal(picture.shape)
     return np.asarray(np.clip(np.round(noisy), 0, 255), dtype=np.uint8)
+
+
+def rendered_depth(
+    board: Board,
+    camera: Camera,
+    T_camera_board: FloatArray,
+    random: np.random.Generator,
+    noise: DepthNoise,
+    behind: float = 3.0,
+) -> FloatArray:
+    """Depths (height, width), m, of a plane board as an aligned depth camera would see it.
+
+    Args:
+        board: in its plane z = 0.
+        camera: of the pictures.
+        T_camera_board: (4, 4) the board's pose in the camera, m.
+        random: noise is drawn from, for each pixel by itself.
+        noise: along the ray.
+        behind: depth of a wall, m.
+    """
+    rays = _rays(camera.width, camera.height, camera.lens, tuple(camera.intrinsics.tolist()))
+    plane = np.asarray(np.linalg.inv(T_camera_board[:3][:, [0, 1, 3]]), dtype=np.float64)
+    paper, _ = _taken(board, rays, plane, RenderOptions())
+    normal, origin = T_camera_board[:3, 2], T_camera_board[:3, 3]
+    ahead = rays / rays[..., 2:]
+    slope = ahead @ normal
+    depth = np.where(paper, (normal @ origin) / np.where(paper, slope, 1.0), behind)
+    sigma = noise.sigmas(depth.reshape(-1))[:, 2].reshape(depth.shape)
+    return np.asarray(depth + sigma * random.standard_normal(depth.shape))
 
 
 @lru_cache(maxsize=4)

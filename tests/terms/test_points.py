@@ -229,6 +229,22 @@ def test_mirrored_points_are_read_otherwise() -> None:
     assert right < 1e-3 * wrong
 
 
+def test_a_board_that_looks_the_same_is_numbered_from_one_end() -> None:
+    s = scene(board=True, n=12)
+    s.settings["board"] = board = Chessboard(4, 4, 0.04)
+    assert board.symmetric
+    term = s.exact()
+    labels = term.poses.samples.labels["point"].reshape(12, 12).copy()
+    # Corners 0 to 11 of the sixteen are seen; in three pictures numbered from the other end.
+    for k in (1, 5, 9):
+        labels[k] = [str(15 - int(name)) for name in labels[k]]
+    samples = s.samples()[0]
+    samples = replace(samples, labels={**samples.labels, "point": labels.reshape(-1)})
+    with pytest.warns(SutaCalibWarning, match=r"In 1\.png, 5\.png, 9\.png its corners"):
+        again = s.term(samples)
+    assert again.poses.samples.labels["point"].tolist() == s.samples()[0].labels["point"].tolist()
+
+
 def test_points_that_the_board_lacks_are_refused() -> None:
     s = scene(board=True)
     samples = s.samples()[0]
