@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Literal
 
 from suta_calib.pose_calibration.rotation_bound import PROVEN
 from suta_calib.units import deg, text
@@ -21,7 +22,9 @@ class Optimality:
         moved: from that minimum to the answer, m, of whichever moved most.
         turned: the same, rad; None without rotations.
         reached: whether the answer's own cost, descended from there, ends in the answer.
-        linear: whether nothing but positions was unknown, so that there is one minimum only.
+        method: what proves it: ``linear`` where nothing but positions is unknown, so that there is
+            one minimum only; ``eigenvalues`` of a matrix in closed form; or a semidefinite
+            ``program``.
         trouble: why it is not proven; empty where there is no more to say.
     """
 
@@ -31,7 +34,7 @@ class Optimality:
     moved: float
     turned: float | None
     reached: bool
-    linear: bool = False
+    method: Literal["linear", "eigenvalues", "program"] = "eigenvalues"
     trouble: str = ""
 
     @property
@@ -44,7 +47,7 @@ class Optimality:
         """What is proven in words, or that it is not, and what that means."""
         moved = text(self.moved, "m", with_unit=True)
         moved += "" if self.turned is None else f" and {deg(self.turned):.2g}°"
-        if self.certified and self.linear:
+        if self.certified and self.method == "linear":
             return (
                 f"Proven best: the residuals are linear in {self.what}. Such a cost has only one "
                 f"minimum, and this is it (to {max(self.gap, 1e-15):.0e} of the cost)."
@@ -55,9 +58,12 @@ class Optimality:
                 if self.answer_gap <= PROVEN
                 else f"From that minimum the robust cost leads to this answer, {moved} away."
             )
+            by = "the eigenvalues of a matrix"
+            if self.method == "program":
+                by = "a semidefinite program, and the eigenvalues of a matrix"
             return (
-                f"Proven best: with the weights of this answer, no other {self.what} have a lower "
-                f"sum of squares (to {max(self.gap, 1e-15):.0e} of it). {there}"
+                f"Proven best, by {by}: with the weights of this answer, no other {self.what} have "
+                f"a lower sum of squares (to {max(self.gap, 1e-15):.0e} of it). {there}"
             )
         if self.gap <= PROVEN:
             return (

@@ -96,6 +96,7 @@ def _of_poses(
         moved=length * _farthest(best - places),
         turned=_farthest(turned),
         reached=leads_to(solution, start),
+        method="program" if bound.program else "eigenvalues",
         trouble=bound.trouble,
     )
 
@@ -122,7 +123,8 @@ def _of_pivot(solution: Solution, term: FixedPoint, length: float) -> Optimality
     least = len(p) * 3.0 * (NO_ERROR / solution.sigmas[0]) ** 2
     lower = float(np.sum((moving @ step) ** 2)) / max(float(residual @ residual), least)
     moved = length * _farthest(step.reshape(-1, 3))
-    return Optimality("the tip and the posts", lower, lower, moved, None, reached=True, linear=True)
+    what = "the tip and the posts"
+    return Optimality(what, lower, lower, moved, None, reached=True, method="linear")
 
 
 def _of_points(solution: Solution, term: TrackedPoint, length: float) -> Optimality:

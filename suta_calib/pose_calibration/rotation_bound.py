@@ -22,7 +22,7 @@ done to it: no solver is believed.
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from typing import Final
 
@@ -103,20 +103,18 @@ class Bound:
         cost: f there.
         below: f is nowhere lower than ``cost - below``; infinite where nothing is known.
         trouble: why nothing better is known; empty where that is no trouble.
+        program: whether the multipliers are a semidefinite program's.
     """
 
     rotations: FloatArray
     cost: float
     below: float
     trouble: str = ""
+    program: bool = False
 
     def proven(self, least: float, most: float = PROVEN) -> bool:
         """Whether they are the best but for ``most``; ``least`` is a cost that counts as none."""
         return self.below <= most * max(self.cost, least)
-
-    def because(self, trouble: str) -> Bound:
-        """The same with why nothing better is known."""
-        return Bound(self.rotations, self.cost, self.below, trouble)
 
 
 def stacked_turns(rotations: FloatArray) -> FloatArray:
@@ -155,9 +153,10 @@ def best_rotations(jacobian: FloatArray, start: FloatArray, least: float = 0.0) 
             bounds = [bound, *(bounded(jacobian, c, multipliers) for c in candidates)]
             lowest = max(b.cost - b.below for b in bounds)
             best = min(bounds, key=lambda b: b.cost)
-            found = Bound(best.rotations, best.cost, max(best.cost - lowest, 0.0))
+            below = max(best.cost - lowest, 0.0)
+            found = Bound(best.rotations, best.cost, below, program=True)
             trouble = "the convex relaxation has a lower minimum than any rotations that were found"
-    return found if found.proven(least) else found.because(trouble)
+    return found if found.proven(least) else replace(found, trouble=trouble)
 
 
 def descended(jacobian: FloatArray, start: FloatArray) -> FloatArray:

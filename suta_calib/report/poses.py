@@ -76,6 +76,7 @@ def optimality_record(optimality: Optimality) -> Json:
     """What is proven of an answer, as JSON has it; gaps are relative to the cost."""
     return {
         "certified": optimality.certified,
+        "method": optimality.method,
         "gap": optimality.gap,
         "answer_gap": optimality.answer_gap,
         "reached": optimality.reached,

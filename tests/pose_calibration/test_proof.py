@@ -93,7 +93,7 @@ def test_pivot_has_one_minimum_only() -> None:
     term = FixedPoint.simulate(20, spread=PoseNoise(1e-3, 1e-3), posts=np.eye(3)).term
     answer = with_proof(calibrate_pivot(*term.poses.at({}), term.poses.samples.labels["point"]))
     assert answer.optimality is not None
-    assert answer.optimality.linear
+    assert answer.optimality.method == "linear"
     assert answer.optimality.certified
     assert answer.optimality.gap < 1e-9
     assert "only one minimum" in answer.optimality.sentence
@@ -111,6 +111,8 @@ def test_registration_is_proven_weighed_or_not(stated: bool, flat: bool) -> None
     assert answer.optimality is not None
     assert answer.optimality.certified, answer.optimality
     assert answer.optimality.gap < 1e-9
+    by = {"eigenvalues": "by the eigenvalues of a matrix", "program": "by a semidefinite program"}
+    assert by[answer.optimality.method] in answer.optimality.sentence
 
 
 def test_what_is_not_proven_is_said_with_the_verdict(monkeypatch: pytest.MonkeyPatch) -> None:
