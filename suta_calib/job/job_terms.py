@@ -5,10 +5,13 @@ from __future__ import annotations
 import math
 import warnings
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from itertools import permutations
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 from suta_calib.errors import (
     EmptyCellError,
@@ -25,10 +28,12 @@ from suta_calib.measurements import (
     read_artefact,
     read_samples,
 )
+from suta_calib.measurements.csv_table import read_csv_table
 from suta_calib.measurements.sample_files import TIME, has_column, has_readings
 from suta_calib.model.arm import ArmModel
 from suta_calib.model.parameters import Parameter
 from suta_calib.model.robot import Robot
+from suta_calib.model.urdf_tree import read_tree
 from suta_calib.terms import KINDS, ArmPoses, Noise, Setup, Term
 from suta_calib.terms.poses import joint_ranges
 from suta_calib.terms.several_chains import labelled
@@ -114,9 +119,30 @@ def read_term(
         raise placed(error, job, row.line) from None
     if isinstance(mechanism, Robot):
         term = labelled(term, arm)
+        if not row.base_chain and (moved := _moving_base(arm, row.sample_files)):
+            warnings.warn(
+                f"{job}:{row.line}: the base '{arm.chain.base}' of chain {row.chain} moves with "
+                f"{moved}, whose readings change in the samples. What is seen or touched must then "
+                "move with that base too; if it stands beside the robot, leave out base",
+                SutaCalibWarning,
+                stacklevel=3,
+            )
     for note in term.notes:
         warnings.warn(f"{job}:{row.line}: {note}", SutaCalibWarning, stacklevel=3)
     return term
+
+
+def _moving_base(arm: ArmModel, files: Sequence[Path]) -> str:
+    """A joint before the base of a chain whose readings change in its samples; empty for none."""
+    before = [joint.name for joint in read_tree(*arm.urdf).path_to_root(arm.chain.base)]
+    for table in map(read_csv_table, files if before else ()):
+        for name in (name for name in before if name in table.columns):
+            # A column that nothing needs may lack numbers.
+            with suppress(SamplesError):
+                # Less than any joint moves on purpose, rad or m.
+                if np.ptp(table.numbers(name)) > 1e-3:
+                    return name
+    return ""
 
 
 def _of_other_chain(robot: Robot, chain: str, error: SamplesError) -> str:

@@ -14,6 +14,7 @@ from suta_calib import (
     TrackedPoint,
     calibrate,
 )
+from suta_calib.errors import SutaCalibWarning
 from suta_calib.terms.external_frame import point_named, pose_named
 from tests.support.torso_robot import (
     REFLECTOR,
@@ -131,6 +132,15 @@ def test_a_job_names_the_chain_of_every_row(job: Path, tmp_path: Path):
         np.testing.assert_allclose(
             again.chains[name].forward(q)[1], arm.forward(q, result.solution.values)[1], atol=1e-9
         )
+
+
+def test_a_chain_whose_base_moves_is_told(job: Path):
+    """Its samples have the torso's readings too: what stands in the room is no base of the arm."""
+    text = job.read_text()
+    job.write_text(text.replace("left: {tip: left_hand}", "left: {tip: left_hand, base: torso_a}"))
+    says = r"yaml:[69]: the base 'torso_a' of chain left moves with torso_1.*leave out base"
+    with pytest.warns(SutaCalibWarning, match=says):
+        CalibrationJob.load(job)
 
 
 @pytest.mark.parametrize(
