@@ -213,12 +213,16 @@ def bounded(
     values, axes = np.linalg.eigh((M + M.T) / 2.0)
     size = float(np.abs(values).max(initial=0.0))
     # A few times what the eigenvalues are computed to.
-    rounding = 8.0 * len(values) * float(np.finfo(float).eps) * size
+    eps = 8.0 * float(np.finfo(float).eps)
+    rounding = eps * len(values) * size
     lacking = max(rounding - float(values[0]), 0.0)
     lacking = 0.0 if lacking == 0.0 else lacking + rounding
     by_slope = float(np.sum((axes.T @ g) ** 2 / np.maximum(values + lacking, 1e-300)))
+    # What squares are computed to: residuals are small differences of J's large columns.
+    squares = eps * float(np.linalg.norm(jacobian)) * float(np.linalg.norm(y)) * np.sqrt(cost)
+    below = by_slope + lacking * float(y @ y) + float(squares)
     # No sum of squares is below zero.
-    return Bound(rotations, cost, min(by_slope + lacking * (3.0 * len(rotations) + 1.0), cost))
+    return Bound(rotations, cost, min(below, cost))
 
 
 def _cost(jacobian: FloatArray, rotations: FloatArray) -> float:
