@@ -285,12 +285,16 @@ def _remedy_sentences(plan: Plan) -> list[str]:
     return sentences
 
 
+def _share(part: float) -> str:
+    """In per cent. Other chains, or more samples than candidates, may tell more than these."""
+    if not 0.01 <= part <= 1.0:
+        return "less than 1 %" if part < 0.01 else "more than 100 %"
+    return f"{shown(part, '%'):.0f} %"
+
+
 def _efficiency(plan: Plan) -> str:
     best = plan.best
-    shares = [
-        f"{shown(part, '%'):.0f} %" if part >= 0.01 else "less than 1 %"
-        for part in (best.efficiency, best.d_efficiency)
-    ]
+    shares = [_share(part) for part in (best.efficiency, best.d_efficiency)]
     if best.tip >= best.present:
         return (
             "The present data determine the tip better than the same number of samples at the best "
