@@ -13,13 +13,14 @@ from suta_calib.cli._output import LateProgress, answer_command
 from suta_calib.geometry.lens import LENSES
 from suta_calib.measurements import read_board, read_camera, read_corners
 from suta_calib.measurements.pose_files import read_hand_poses, read_pose_pairs
-from suta_calib.pose_calibration import hand_eye_from_pairs
-from suta_calib.pose_calibration.hand_eye import with_scale
+from suta_calib.pose_calibration import hand_eye_from_pairs, many_eyes_from_pairs
+from suta_calib.pose_calibration.loop_answer import with_scale
 from suta_calib.pose_calibration.picture_proof import pictures_with_proof
 from suta_calib.pose_calibration.pictures import View, hand_eye_from_pictures
 from suta_calib.pose_calibration.proof import with_proof
 from suta_calib.report.document import Document
 from suta_calib.report.hand_eye import hand_eye_document
+from suta_calib.report.many_eyes import many_eyes_document
 from suta_calib.report.pictures import picture_document
 
 if TYPE_CHECKING:
@@ -86,8 +87,9 @@ def hand_eye(
 
     POSES.csv has the columns a_x,a_y,a_z,a_qx,a_qy,a_qz,a_qw: T_base_hand, and the same with b_:
     T_eye_target; m (a_x_mm, …: mm). X is T_hand_eye, and Z T_base_target; for eye-to-hand X is
-    T_base_eye, and Z T_hand_target. With --out it writes result.json, residuals.csv, hand_eye.svg
-    and report.html. The exit code is 1 if X must not be used.
+    T_base_eye, and Z T_hand_target. With columns eye and target, the poses of all eyes and targets
+    are found in one problem; X and Z are then given by name. With --out it writes result.json,
+    residuals.csv, hand_eye.svg and report.html. The exit code is 1 if X must not be used.
 
     With --corners and --board the pictures replace the b_ columns: POSES.csv then contains the name
     of the picture taken at each pose (image). The reprojection errors are minimised, which is more
@@ -118,6 +120,14 @@ def hand_eye(
         )
 
     data = read_pose_pairs(read_poses(poses, setup=setup))
+    settings = {"robust": not plain, "seed": seed, "scale_ppm": scale_ppm}
+    if data.several:
+        with LateProgress("calibrating"):
+            eyes = many_eyes_from_pairs(data, setup=setup, robust=not plain, seed=seed)
+            eyes = with_scale(eyes, scale_ppm)
+            if certify:
+                eyes = with_proof(eyes)
+        return many_eyes_document(eyes, data).with_data(**settings)
     with LateProgress("calibrating"):
         calibration = hand_eye_from_pairs(
             data, setup=setup, model=model, robust=not plain, seed=seed
@@ -125,9 +135,7 @@ def hand_eye(
         calibration = with_scale(calibration, scale_ppm)
         if certify:
             calibration = with_proof(calibration)
-    return hand_eye_document(calibration, data).with_data(
-        robust=not plain, seed=seed, scale_ppm=scale_ppm
-    )
+    return hand_eye_document(calibration, data).with_data(**settings)
 
 
 def _check(

@@ -63,11 +63,20 @@ class PosePairs(_PoseRows):
 
     Attributes:
         hand: rotations (n, 3, 3) and positions (n, 3), m.
-        seen: the same of the target in the eye.
+        target: the same of the target in the eye.
+        eye: (n,) label of the eye that saw it; None where the file has no such column.
+        marks: (n,) label of the target that was seen; likewise.
     """
 
     hand: tuple[FloatArray, FloatArray]
     target: tuple[FloatArray, FloatArray]
+    eye: NDArray[np.str_] | None = None
+    marks: NDArray[np.str_] | None = None
+
+    @property
+    def several(self) -> bool:
+        """Whether the rows name an eye or a target."""
+        return self.eye is not None or self.marks is not None
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -122,12 +131,18 @@ def read_tool_poses(source: str | Path | CsvTable) -> ToolPoses:
 def read_pose_pairs(source: str | Path | CsvTable) -> PosePairs:
     """Columns ``a_x,a_y,a_z,a_qx,a_qy,a_qz,a_qw`` and the same with ``b_``.
 
+    And ``eye`` and ``target`` where several eyes looked, or at several targets.
+
     Raises, warns: as `read_tool_poses`.
     """
     table = _table(source)
     (hand, of_hand), (target, of_target) = _poses(table, "a_"), _poses(table, "b_")
     _check_different(table, *hand, *target)
-    return PosePairs(**_read(table, of_hand + of_target), hand=hand, target=target)
+    labels = (table.labels(n) if n in table.columns else None for n in ("eye", "target"))
+    eye, marks = labels
+    return PosePairs(
+        **_read(table, of_hand + of_target), hand=hand, target=target, eye=eye, marks=marks
+    )
 
 
 def read_hand_poses(source: str | Path | CsvTable) -> HandPoses:

@@ -1,6 +1,9 @@
 from .hand_eye import HandEyeCalibration as HandEyeCalibration
 from .hand_eye import calibrate_hand_eye as calibrate_hand_eye
 from .hand_eye import hand_eye_from_pairs as hand_eye_from_pairs
+from .many_eyes import ManyEyesCalibration as ManyEyesCalibration
+from .many_eyes import calibrate_many_eyes as calibrate_many_eyes
+from .many_eyes import many_eyes_from_pairs as many_eyes_from_pairs
 from .optimality import Optimality as Optimality
 from .pivot import PivotCalibration as PivotCalibration
 from .pivot import calibrate_pivot as calibrate_pivot

@@ -53,6 +53,7 @@ def common_covariance(
     rests: IntArray,
     sizes: Sequence[int],
     frames: Sequence[FloatArray] = (),
+    whole: bool = False,
 ) -> FloatArray:
     """Covariance (p, p) of an estimate beyond that of rows that err independently.
 
@@ -69,20 +70,26 @@ def common_covariance(
             turns may be alike where its places scatter.
         frames: of each group, if given, the rotations (n, size, size) into another frame in which
             they may be alike instead: a hand errs alike in the base's frame, an eye in its own.
+        whole: for all of it instead. What rows of a rest share may make an estimate better, too:
+            two eyes on a hand are known to each other better than to the hand.
     """
     if not len(bread):
         return np.zeros_like(bread)
     expected, white = np.zeros_like(bread), np.zeros_like(bread)
+    apart = np.zeros((0, len(bread)))
     ends = np.cumsum(sizes)
     for k, (size, end) in enumerate(zip(sizes, ends.tolist(), strict=True)):
         part, turn = slice(end - size, end), frames[k] if frames else None
-        mine = _variances(
-            jacobian[:, part], residual[:, part], weight[part], turn, neighbourhoods, order, rests
-        )
+        group = jacobian[:, part], residual[:, part], weight[part]
+        mine = _variances(*group, turn, neighbourhoods, order, rests, whole)
         if mine is not None:
             expected += mine[0]
             white += mine[1]
-    return bread @ _positive(expected - white, white) @ bread
+            if len(mine[2]):
+                apart = mine[2] if not len(apart) else apart + mine[2]
+    if len(apart):
+        expected += apart.T @ apart
+    return bread @ (expected if whole else _positive(expected - white, white)) @ bread
 
 
 def _variances(
@@ -93,8 +100,12 @@ def _variances(
     neighbourhoods: Sequence[FloatArray],
     order: IntArray,
     rests: IntArray,
-) -> tuple[FloatArray, FloatArray] | None:
-    """Variance (p, p) of one group's pull, and of independent rows'; None where nothing is left."""
+    several: bool,
+) -> tuple[FloatArray, FloatArray, FloatArray] | None:
+    """Variance (p, p) of one group's pull, and of independent rows'; None where nothing is left.
+
+    And pulls (rests, p) of what rows of one rest do not share, where they are of ``several`` eyes.
+    """
     n, size, unknowns = jacobian.shape
     count = np.bincount(rests).astype(float)
     groups = len(count)
@@ -104,9 +115,24 @@ def _variances(
         total = summed(rows.reshape(n, -1), rests, groups) / count[:, None]
         return np.asarray(total.reshape(groups, *rows.shape[1:]))
 
-    mean, slope = of_rests(residual), of_rests(jacobian)
-    followed = _rank(jacobian)
-    inside = float(np.sum((residual - mean[rests]) ** 2)) / max(size * (n - groups), 1)
+    def view(residual: FloatArray, jacobian: FloatArray) -> tuple[FloatArray, ...]:
+        slope = of_rests(jacobian)
+        return of_rests(residual), slope, slope * (count[:, None, None] * weight[:, None])
+
+    views = [view(residual, jacobian)]
+    if turn is not None:
+        turned = _turned(turn, residual), _turned(turn, jacobian)
+        views.append(view(*turned))
+        # Rows of several eyes at one rest have nothing in common in the frames of the eyes.
+        if several:
+            views, (residual, jacobian) = views[1:], turned
+    mean, slope, _ = views[0]
+    # What rows of a rest do not share: nothing of one eye, all that places two eyes to each other.
+    apart = jacobian - slope[rests]
+    told_apart = _rank(apart) if several else 0
+    followed = _rank(slope if several else jacobian)
+    inside = float(np.sum((residual - mean[rests]) ** 2))
+    inside /= max(size * (n - groups) - told_apart, 1)
     between = float(np.sum(mean**2)) / max(size * groups - followed, 1)
     if between == 0.0:
         return None
@@ -116,11 +142,6 @@ def _variances(
     shared = between if groups == n else max(between - float(single.mean()), 1e-6 * between)
     if groups == n:
         single = np.zeros(groups)
-    pulled = slope * (count[:, None, None] * weight[:, None])
-    views = [(mean, slope, pulled)]
-    if turn is not None:
-        at = turn[first]
-        views.append((_turned(at, mean), _turned(at, slope), _turned(at, pulled)))
     white = np.einsum("ndp,ndq->pq", jacobian * weight[:, None] ** 2, jacobian)
     white *= float(np.sum(residual**2)) / max(size * n - followed, 1)
     spaces = [space[first] for space in neighbourhoods]
@@ -155,7 +176,21 @@ def _variances(
     if not np.isfinite(likelihood).any():
         return None
     belief = np.exp(likelihood - likelihood.max())
-    return np.tensordot(belief / belief.sum(), np.concatenate(variances), axes=1), white
+    expected = np.tensordot(belief / belief.sum(), np.concatenate(variances), axes=1)
+    pulls_apart = np.zeros((0, unknowns))
+    if several:
+        # By the rests themselves: what one eye sees is displaced and turned at once.
+        scores = np.einsum("ndp,nd->np", apart * weight[:, None], residual)
+        left = size * (n - groups)
+        pulls_apart = np.sqrt(left / max(left - told_apart, 1)) * summed(scores, rests, groups)
+    return expected, white, pulls_apart
+
+
+def several_frames(frames: FloatArray, rests: IntArray) -> bool:
+    """Whether rows of one rest (n,) are in different frames (n, 3, 3), as those of two eyes."""
+    first = np.unique(rests, return_index=True)[1]
+    # Difference between two rotation matrices of one frame that is read twice.
+    return bool(np.abs(frames - frames[first][rests]).max(initial=0.0) > 0.1)
 
 
 def _turned(rotation: FloatArray, rows: FloatArray) -> FloatArray:

@@ -29,7 +29,38 @@ def unknowns_of(model: Model) -> tuple[Unknown, ...]:
     return ("X", "Z") if model == "AX=ZB" else ("X",)
 
 
-class EyePoses:
+class Accuracy:
+    """How well a pose is known, in words.
+
+    Attributes:
+        std6: (6,) standard deviations: displacement, m, and turn, rad.
+    """
+
+    std6: FloatArray
+
+    def unsure(self, what: str = "X") -> str:
+        """Beginning of a sentence about a large uncertainty; empty if the pose is well known."""
+        displaced, turned = self.displaced_turned
+        # Beyond these more poses are asked for.
+        if displaced <= 2e-3 and turned <= from_deg(0.5):
+            return ""
+        size = f"± {mm(displaced):.1f} mm and ± {deg(turned):.2f}°"
+        return f"{what} is known to {size} only (one standard deviation)"
+
+    @property
+    def within(self) -> str:
+        """Its standard deviations."""
+        displaced, turned = self.displaced_turned
+        return f"± {text(displaced, 'm', with_unit=True)} and ± {deg(turned):.3f}°"
+
+    @property
+    def displaced_turned(self) -> tuple[float, float]:
+        """Standard deviations of the position, m, and turn, rad, each over three axes."""
+        displaced, turned = np.linalg.norm(self.std6.reshape(2, 3), axis=1)
+        return float(displaced), float(turned)
+
+
+class EyePoses(Accuracy):
     """X and Z of an answer.
 
     Attributes:
@@ -78,26 +109,11 @@ class EyePoses:
         )
 
     @property
-    def unsure(self) -> str:
-        """Beginning of a sentence about a large uncertainty of X; empty if X is well determined."""
-        displaced, turned = self.displaced_turned
-        # Beyond these more poses are asked for.
-        if displaced <= 2e-3 and turned <= from_deg(0.5):
-            return ""
-        size = f"± {mm(displaced):.1f} mm and ± {deg(turned):.2f}°"
-        return f"X is known to {size} only (one standard deviation)"
+    def std6(self) -> FloatArray:  # type: ignore[override]
+        """Of X."""
+        return self.std["X"]
 
     @property
     def accuracy_text(self) -> str:
         """Beginning of a sentence with the standard deviations of X."""
-        displaced, turned = self.displaced_turned
-        return (
-            f"X is known to ± {text(displaced, 'm', with_unit=True)} and "
-            f"± {deg(turned):.3f}° (one standard deviation, 3-D)"
-        )
-
-    @property
-    def displaced_turned(self) -> tuple[float, float]:
-        """Standard deviations of X's position, m, and turn, rad, each over three axes."""
-        displaced, turned = np.linalg.norm(self.std["X"].reshape(2, 3), axis=1)
-        return float(displaced), float(turned)
+        return f"X is known to {self.within} (one standard deviation, 3-D)"

@@ -2,19 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from itertools import combinations
 from typing import Final
 
 import numpy as np
 
-from suta_calib.arrays import BoolArray, FloatArray
+from suta_calib.arrays import BoolArray, FloatArray, IntArray
 from suta_calib.errors import SamplesError
 from suta_calib.geometry.numbers import rms_length, vector_from_rotation
 from suta_calib.pose_calibration.consensus import Consensus
-from suta_calib.pose_calibration.robot_noise import EYE
+from suta_calib.pose_calibration.loop_start import first_consensus, poses_by
 from suta_calib.pose_calibration.robust_fit import RobustFit
+from suta_calib.pose_calibration.sight import Sight
 from suta_calib.pose_calibration.undetermined import axes_that_stand, undetermined_directions
 from suta_calib.terms.hand_eye_start import Poses, chordal_mean
+from suta_calib.terms.many_eyes_start import SeenTogether, loop_errors
 from suta_calib.terms.poses import WANDER, together
 from suta_calib.trust.misreadings import Pairs, agreeing_reading
 from suta_calib.trust.rule import Rule
@@ -115,7 +118,8 @@ def refuse_strangers(
     start: Consensus,
     hand: FloatArray,
     length: float,
-    more: Sequence[FloatArray] = (),
+    more: Mapping[str, Sequence[FloatArray]],
+    parts: Sequence[BoolArray],
 ) -> None:
     """Refuse pairs of which nothing fits: what they leave open is not the trouble then.
 
@@ -124,7 +128,8 @@ def refuse_strangers(
         start: how their loops scatter before it, in units of ``length``.
         hand: (n, 3, 3) orientations of the hand.
         length: the extent, m.
-        more: directions of X that are undetermined beside what the solution holds.
+        more: by eye, directions of X that are undetermined beside what the solution holds.
+        parts: (n,) rows of each part of the graph of eyes and targets.
     """
     if fit.sigmas[1] > NO_AGREEMENT:
         loops = f"loops A X B that differ by {deg(fit.sigmas[1]):.0f}° about every axis"
@@ -132,18 +137,112 @@ def refuse_strangers(
     slid, turned = start.sigmas
     # Of the positions that the best X leaves: 5 mm and 2° of noise, 0.3 m from the point that is
     # measured, make 0.02 of the extent; exchanged columns 0.08.
-    unrelated = fit.sigmas[0] > 0.05 or undetermined_directions(fit.solution, EYE, more)
+    unrelated = fit.sigmas[0] > 0.05 or any(
+        undetermined_directions(fit.solution, eye, directions) for eye, directions in more.items()
+    )
     if not ((slid > 0.1 or turned > NO_AGREEMENT) and unrelated):
         return
     if turned > TURNED:
         raise _disagreement(start, length, CAUSES)
     # Along an axis that nothing turns X is open, and so is what a consensus makes of it.
-    if not len(axes_that_stand(hand[fit.inliers], fit.sigmas[1])):
+    parts = [fit.inliers & part for part in parts]
+    if not any(len(axes_that_stand(hand[part], fit.sigmas[1])) for part in parts if part.any()):
         places = (
             "the rotations agree, but the positions do not: are both in the same unit, and their "
             "columns in the order x y z?"
         )
         raise _disagreement(start, length, places)
+
+
+def refuse_unseen(inliers: BoolArray, sight: Sight) -> None:
+    """Refuse an eye, or a target, of which no row agrees with the others."""
+    sides = (
+        ("eye", sight.eyes, sight.together.eye),
+        ("target", sight.targets, sight.together.target),
+    )
+    for role, names, which in sides:
+        for k, name in enumerate(names):
+            rows = which == k
+            if not inliers[rows].any():
+                raise SamplesError(
+                    f"{role} {name}, of whose {int(rows.sum())} rows none agrees with the others",
+                    "rows that agree",
+                    hint=f"is the label right, and did {role} {name} stay in its place? Measure "
+                    "again, or leave these rows out",
+                )
+
+
+def refuse_exchanged(start: Consensus, A: Poses, B: Poses, sight: Sight, seed: int | None) -> None:
+    """Refuse rows that agree once two labels are exchanged from a row on, and name them.
+
+    One half of the rows is before the exchange, or after it: its poses tell of every row of two
+    eyes, or of two targets, whether its own label or the other's fits better.
+    """
+    count, together = len(A[1]), sight.together
+    lost = 1.0 - float(start.inliers.mean())
+    # Part of the rows that a few accidents may be; unless everything is off.
+    if lost < 0.1 and start.sigmas[0] < SUSPICIOUS and start.sigmas[1] < TURNED:
+        return
+    best: tuple[float, int, str, int, int] = (0.0, 0, "", 0, 0)
+    for late, half in enumerate(np.array_split(np.arange(count), 2)):
+        X, Z = poses_by(A, B, together, half)
+        own = loop_errors(A, B, X, Z, together)
+        units = [max(float(np.median(np.linalg.norm(e[half], axis=1))), 1e-9) for e in own]
+        for role, names in (("eye", sight.eyes), ("target", sight.targets)):
+            for a, b in combinations(range(len(names)), 2):
+                swapped = _exchanged(together, role, a, b, np.arange(count))
+                other = loop_errors(A, B, X, Z, swapped)
+                # What is gained by an exchange of all rows before, or from, each row on.
+                sums = np.cumsum([0.0, *(_squared(own, units) - _squared(other, units))])
+                total = sums if late else sums[-1] - sums
+                row = int(np.argmax(total))
+                best = max(best, (float(total[row]), row, role, a, b))
+    _, row, role, a, b = best
+    if not role:
+        return
+    read = _exchanged(together, role, a, b, np.arange(row, count))
+    again = first_consensus(A, B, read, seed)
+    agree = np.sum((again.sigmas / np.maximum(start.sigmas, 1e-300)) ** 2) < 2.0 * 1.5**2
+    better = (
+        1.0 - float(again.inliers.mean()) < 0.4 * lost or again.sigmas[0] < 0.2 * start.sigmas[0]
+    )
+    # Rows of the two before and after it, below which it is an accident.
+    few = 3
+    moved = _swapped(together, role, a, b)
+    if agree and better and min(int(moved[:row].sum()), int(moved[row:].sum())) >= few:
+        names = sight.eyes if role == "eye" else sight.targets
+        raise SamplesError(
+            f"rows that agree only if {role}s {names[a]} and {names[b]} are exchanged from row "
+            f"{row} on (rows from 0): {int(start.inliers.sum())} of {count} rows agree within "
+            f"{deg(start.sigmas[1]):.2f}° per axis as they are, and {int(again.inliers.sum())} "
+            f"within {deg(again.sigmas[1]):.2f}° then",
+            f"labels that mean the same {role} in all rows",
+            hint=f"exchange the labels {names[a]} and {names[b]} from row {row} on, or before it, "
+            "and find out when cables, ports or names were exchanged",
+        )
+
+
+def _swapped(together: SeenTogether, role: str, a: int, b: int) -> BoolArray:
+    """(n,) rows that look at one of two eyes, or of two targets."""
+    which = together.eye if role == "eye" else together.target
+    return np.asarray((which == a) | (which == b))
+
+
+def _exchanged(together: SeenTogether, role: str, a: int, b: int, rows: IntArray) -> SeenTogether:
+    """The same with the labels of two eyes, or of two targets, exchanged in some rows."""
+    eye, target = together.eye.copy(), together.target.copy()
+    which = eye if role == "eye" else target
+    part = which[rows]
+    which[rows] = np.where(part == a, b, np.where(part == b, a, part))
+    return SeenTogether(eye, target, together.eyes, together.targets)
+
+
+def _squared(errors: Sequence[FloatArray], units: Sequence[float]) -> FloatArray:
+    """(n,) squared errors of rows in these units; no row counts for more than a wrong one."""
+    # Units beyond which a row is simply wrong.
+    most = 5.0
+    sizes = (np.linalg.norm(e, axis=1) / unit for e, unit in zip(errors, units, strict=True))
+    return np.asarray(sum(np.minimum(size, most) ** 2 for size in sizes))
 
 
 def _disagreement(consensus: Consensus, length: float, hint: str) -> SamplesError:

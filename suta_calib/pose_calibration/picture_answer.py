@@ -320,14 +320,14 @@ def _judged(camera: CameraEstimate, noise: PictureNoise) -> tuple[list[str], lis
             f"Only {fitted} pictures: the standard deviations are uncertain, and a wrong picture "
             "may stay unnoticed. Take a dozen or more."
         )
-    if camera.unsure:
+    if unsure := camera.unsure():
         remedy = "add pictures, turned by 30° or more about different axes, near and far."
         if noise.shared[0] > noise.position.value or noise.shared[1] > noise.rotation.value:
             remedy = (
                 "neighbouring poses of the hand share errors, as with wrong lengths or angles of "
                 f"the arm. More pictures do not remove them. Calibrate the arm, and {remedy}"
             )
-        care.append(f"{camera.unsure}: {remedy}")
+        care.append(f"{unsure}: {remedy}")
     care += [
         f"In {listed(list(names), QUOTED)} {TURNED[what]} These pictures are left out."
         for what, names in camera.turned.items()

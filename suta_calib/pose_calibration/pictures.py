@@ -29,8 +29,10 @@ from suta_calib.model.parameters import PLACEMENT
 from suta_calib.pose_calibration.consensus import FALSE_ALARM
 from suta_calib.pose_calibration.correlation import DIRECTIONS, NOWHERE, embedded, shared_errors
 from suta_calib.pose_calibration.eye_poses import Model
-from suta_calib.pose_calibration.hand_eye import ADVICE, FEW_PAIRS, calibrate_hand_eye
+from suta_calib.pose_calibration.hand_eye import calibrate_hand_eye
 from suta_calib.pose_calibration.inputs import error_context
+from suta_calib.pose_calibration.loop_fit import ADVICE
+from suta_calib.pose_calibration.loop_start import FEW_PAIRS
 from suta_calib.pose_calibration.picture_answer import (
     CameraEstimate,
     HeldIntrinsics,

@@ -69,10 +69,10 @@ def _proof(answer: RobustAnswer) -> Optimality:
     if isinstance(term, TrackedPoint):
         return _of_points(solution, term, length)
     assert isinstance(term, HandEye)
-    count = len(term.poses)
-    eye, target = np.zeros(count, dtype=np.intp), np.ones(count, dtype=np.intp)
-    rows = loop_rows(solution, term, eye, target)
-    return _of_poses(solution, rows, length, count * len(term.blocks), "X and Z")
+    together = term.seen_together
+    rows = loop_rows(solution, term, together.eye, together.eyes + together.target)
+    what = "X and Z" if together.eyes == together.targets == 1 else "every X and Z"
+    return _of_poses(solution, rows, length, len(term.poses) * len(term.blocks), what)
 
 
 def _of_poses(

@@ -18,20 +18,21 @@ from functools import cached_property
 from typing import Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from suta_calib.arrays import BoolArray, FloatArray, IntArray
 from suta_calib.geometry.numbers import rotation_from_vector, skew, tangent_of_poses
 from suta_calib.measurements.samples import Samples
-from suta_calib.model.parameters import PLACEMENT, Parameter
+from suta_calib.model.parameters import Parameter
 from suta_calib.pose_calibration.consensus import Consensus, some_rows
 from suta_calib.pose_calibration.robust_fit import ROUNDING, RobustFit, parts_of, robust_fit
 from suta_calib.solver.compiled_residual import term_residuals
 from suta_calib.solver.information import scaled_inverse, whitened_rows
 from suta_calib.terms.block import Noise
 from suta_calib.terms.external_frame import pose_parameters
-from suta_calib.terms.hand_eye import HandEye
+from suta_calib.terms.hand_eye import HandEye, Owners
 from suta_calib.terms.hand_eye_start import Poses
-from suta_calib.terms.poses import MeasuredPoses
+from suta_calib.terms.poses import MeasuredPoses, PoseSource
 
 # Before the data are asked: anything from none to all.
 EXPECTED: Final = 0.5
@@ -68,6 +69,8 @@ def estimate_lever(
     lever: FloatArray,
     target: FloatArray,
     sight: FloatArray | None = None,
+    *,
+    points: bool = True,
 ) -> LeverModel:
     """The lever by which the turns in the residuals of pairs move the target.
 
@@ -85,11 +88,12 @@ def estimate_lever(
         target: (n, 3, 3) orientation of the target in the eye.
         sight: (n, 3) from the eye to the target. A camera knows the distance worse than the
             direction, and turns move the target sideways: both are weighed by their scatter.
+        points: whether the two points are looked for: those of several eyes and targets differ.
     """
     # How far the noise's centres may be from the frames' origins, in units of the extent: a
     # standard deviation before the data are asked. Zero unless they speak for another by this much
     # (log- likelihood): six numbers more follow noise, too.
-    centres = (0.0, 0.05, 0.2, 1.0)
+    centres = (0.0, 0.05, 0.2, 1.0) if points else (0.0,)
     cross = skew(turn)
     columns = np.concatenate([(cross @ lever[..., None]), cross, cross @ target], axis=2)
     if not columns[..., 0].any():
@@ -166,7 +170,25 @@ def _ridge(columns: FloatArray, y: FloatArray, size: float) -> tuple[float, Floa
 
 @dataclass(frozen=True, eq=False, repr=False)
 class PairedHandEye(HandEye):
-    """`HandEye` of which nothing is held because it is known badly: only what is singular."""
+    """`HandEye` of which nothing is held because it is known badly: only what is singular.
+
+    Attributes:
+        every: owners of all eyes and of all targets, which it has whatever its rows look at; those
+            of the rows where they are left out.
+    """
+
+    every: tuple[Sequence[str], Sequence[str]] | None = None
+
+    def owners(self, poses: PoseSource) -> tuple[Owners, Owners]:
+        """Of every row, among all that there are."""
+        found = super().owners(poses)
+        if self.every is None:
+            return found
+        eyes, targets = (
+            Owners([*names], np.array([names.index(n) for n in owners.names])[owners.which])
+            for owners, names in zip(found, self.every, strict=True)
+        )
+        return eyes, targets
 
     @cached_property
     def own_parameters(self) -> tuple[Parameter, ...]:
@@ -186,18 +208,31 @@ class RobotNoise:
     Args:
         hand, seen: rotations (n, 3, 3) and positions (n, 3) of both, in units of the problem.
         finest_turn: noise of a turn, rad, that is assumed at least.
+        labels: of the eye and the target of each row, where there are several.
 
     Attributes:
         lever: by which turns in the residuals move the target, as `make` takes it.
+        whole: the term over all rows.
     """
 
-    def __init__(self, hand: Poses, eye: Poses, finest_turn: float) -> None:
+    def __init__(
+        self,
+        hand: Poses,
+        eye: Poses,
+        finest_turn: float,
+        labels: Mapping[str, NDArray[np.str_]] | None = None,
+    ) -> None:
         self._seen, self._finest = eye, finest_turn
         nothing = np.zeros((len(hand[1]), 0))
-        samples = Samples.from_arrays([], nothing, position=eye[1], rotation=eye[0])
+        samples = Samples.from_arrays(
+            [], nothing, labels=labels or {}, position=eye[1], rotation=eye[0]
+        )
         # Information that noise causes is tested here: `noise_made_directions`.
-        self._poses = parts_of(MeasuredPoses(*hand, samples, judged=False))
-        self.lever = LeverModel()
+        poses = MeasuredPoses(*hand, samples, judged=False)
+        self._poses = parts_of(poses)
+        self.lever, self.whole = LeverModel(), PairedHandEye(poses)
+        eyes, targets = self.whole.owners(poses)
+        self._every = eyes.names, targets.names
 
     @property
     def moves_targets(self) -> bool:
@@ -211,12 +246,14 @@ class RobotNoise:
     def revise(self, values: Mapping[str, float], inliers: BoolArray) -> None:
         """Estimate the lever from the inliers' residuals at the values found."""
         rows = np.flatnonzero(inliers)
-        at_target = term_residuals(self._term(rows, (Noise(), Noise()), NO_LEVER), values)
-        x = np.array([values[f"{EYE}.{key}"] for key in PLACEMENT])
+        term = self._term(rows, (Noise(), Noise()), NO_LEVER)
+        at_target = term_residuals(term, values)
+        R_X, p_X = term.owners(term.poses)[0].poses(values)
         R_seen, p_seen = self._seen[0][rows], self._seen[1][rows]
         in_eye = np.einsum("nij,nj->ni", R_seen, at_target[1])
-        lever = p_seen + rotation_from_vector(x[3:]).T @ x[:3]
-        self.lever = estimate_lever(at_target[0], in_eye, lever, R_seen, p_seen)
+        lever = p_seen + np.einsum("nji,nj->ni", R_X, p_X)
+        one = sum(map(len, self._every)) == 2
+        self.lever = estimate_lever(at_target[0], in_eye, lever, R_seen, p_seen, points=one)
 
     def forget(self) -> None:
         """Take the noise of places and turns for independent at the target's origin."""
@@ -250,34 +287,48 @@ class RobotNoise:
             robot_noise_fraction=lever.fraction,
             lever_in_eye=lever.in_eye,
             lever_in_target=lever.in_target,
+            every=self._every,
         )
 
 
 NO_LEVER: Final = LeverModel(fraction=0.0, std=0.0)
 
 
-def noise_made_directions(fit: RobustFit, noise: RobotNoise) -> list[FloatArray]:
-    """Displacements and turns (6,) of X that noise may tell as well as the pairs do.
+def noise_made_directions(fit: RobustFit, noise: RobotNoise, eye: int = 0) -> list[FloatArray]:
+    """Displacements and turns (6,) of an X that noise may tell as well as the pairs do.
 
     The largest generalised eigenvalues of what noise makes up, F, against the information A, on X
-    with Z free to follow; first of X's displacements alone.
+    with all else free to follow; first of X's displacements alone.
     """
     if len(fit.solution.identification.fixed):
         return []  # X is where it started: nothing can be said of its surroundings
     sigmas = np.maximum(fit.sigmas, ROUNDING)
-    x, count = fit.solution.x, int(fit.inliers.sum())
+    x, together = fit.solution.x, noise.whole.seen_together
     rows = whitened_rows(fit.solution.problem, x, sigmas.tolist())
     jacobian = np.vstack([r.jacobian for r in rows]) @ np.linalg.inv(tangent_of_poses(x))
     information = jacobian.T @ jacobian
-    follow = np.vstack([np.eye(6), -scaled_inverse(information[6:, 6:]) @ information[6:, :6]])
+    own = np.arange(6 * eye, 6 * eye + 6)
+    others = np.setdiff1d(np.arange(len(x)), own)
+    follow = np.zeros((len(x), 6))
+    follow[own] = np.eye(6)
+    follow[others] = (
+        -scaled_inverse(information[np.ix_(others, others)]) @ (information[np.ix_(others, own)])
+    )
     of_eye = follow.T @ information @ follow
     place, turned = sigmas
     of_hand = noise.lever.at_most * turned**2
-    # What the point on the target moves by at which noise of places and of turns is independent.
-    lever = -rotation_from_vector(x[9:12]) @ noise.lever.in_target
-    target = np.hstack([np.eye(3), -skew(lever) @ rotation_from_vector(x[9:12])]) @ follow[6:]
-    made = 2.0 * count * of_hand / place**2 * target.T @ target
-    made[3:, 3:] += 2.0 * count * (1.0 + of_hand / turned**2) * np.eye(3)
+    made = np.zeros((6, 6))
+    seen = np.bincount(together.target[fit.inliers], minlength=together.targets)
+    for count, first in zip(seen, range(6 * together.eyes, len(x), 6), strict=True):
+        # What the point on a target moves by at which noise of places and of turns is independent.
+        R = rotation_from_vector(x[first + 3 : first + 6])
+        lever = -R @ noise.lever.in_target
+        moves = np.hstack([np.eye(3), -skew(lever) @ R]) @ follow[first : first + 6]
+        made += 2.0 * count * of_hand / place**2 * moves.T @ moves
+    sees = np.bincount(together.eye[fit.inliers], minlength=together.eyes)
+    for count, first in zip(sees, range(0, 6 * together.eyes, 6), strict=True):
+        turns = follow[first + 3 : first + 6]
+        made += 2.0 * count * (1.0 + of_hand / turned**2) * turns.T @ turns
     slides = _made(of_eye[:3, :3], made[:3, :3])
     every = _made(of_eye, made)
     return [

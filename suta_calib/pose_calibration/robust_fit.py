@@ -17,7 +17,7 @@ from scipy.special import chdtr, chdtrc, fdtrc
 
 from suta_calib.arrays import BoolArray, FloatArray, IntArray
 from suta_calib.pose_calibration.consensus import DIMENSION, FALSE_ALARM, Consensus, outlier_limit
-from suta_calib.pose_calibration.correlation import common_covariance, embedded
+from suta_calib.pose_calibration.correlation import common_covariance, embedded, several_frames
 from suta_calib.pose_calibration.stated_noise import Agreement
 from suta_calib.solver.compiled_residual import term_residuals
 from suta_calib.solver.covariance import observed_parts, predicted_covariance
@@ -363,10 +363,13 @@ def _covariance(
     ]
     jacobian = np.concatenate(parts, axis=1)
     bread, weight = scaled_inverse(curvature[at]), np.repeat(weights**2, DIMENSION)
-    independent[at] += common_covariance(
+    frames = [_to_base(row) for row in rows]
+    several = groups < count and several_frames(frames[0], postures)
+    shared = common_covariance(
         *(jacobian, white, weight, bread, spaces, order, postures),
-        *([DIMENSION] * len(rows), [_to_base(row) for row in rows]),
+        *([DIMENSION] * len(rows), frames, several),
     )
+    independent[at] = shared if several else independent[at] + shared
     return independent
 
 

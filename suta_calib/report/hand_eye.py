@@ -10,6 +10,7 @@ from suta_calib.measurements.pose_files import PosePairs
 from suta_calib.model.parameters import PLACEMENT
 from suta_calib.pose_calibration.eye_poses import FRAMES
 from suta_calib.pose_calibration.hand_eye import HandEyeCalibration
+from suta_calib.pose_calibration.loop_answer import LoopAnswer
 from suta_calib.pose_calibration.picture_answer import CameraEstimate, PictureCalibration
 from suta_calib.report.document import Document, Figure, Part
 from suta_calib.report.listing import Column, Json, Listing, Table
@@ -25,7 +26,7 @@ from suta_calib.report.poses import (
 from suta_calib.units import text
 
 NAME: Final = "hand_eye"
-CALIBRATION: Final = Listing[HandEyeCalibration](
+CALIBRATION: Final = Listing[LoopAnswer](
     "",
     Column("rms", unit="m"),
     Column("rms", value=lambda row: row.rms_angle, unit="rad"),

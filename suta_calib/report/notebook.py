@@ -21,6 +21,7 @@ from suta_calib.model.arm import ArmModel
 from suta_calib.model.chain import ChainJoint
 from suta_calib.model.parameters import Parameter, ParameterSet
 from suta_calib.pose_calibration.hand_eye import HandEyeCalibration
+from suta_calib.pose_calibration.many_eyes import ManyEyesCalibration
 from suta_calib.pose_calibration.pivot import PivotCalibration
 from suta_calib.pose_calibration.registration import Registration
 from suta_calib.report.calibration import calibration_document
@@ -28,6 +29,7 @@ from suta_calib.report.document import Shown
 from suta_calib.report.errors import errors_table
 from suta_calib.report.hand_eye import frame_tables
 from suta_calib.report.listing import Column, Listing, components, shown_as
+from suta_calib.report.many_eyes import found_tables
 from suta_calib.report.observability import PARAMETERS, observability_document, outcomes
 from suta_calib.report.outliers import outliers_document
 from suta_calib.report.page import environment, page_with
@@ -109,6 +111,7 @@ PARTS: Final[dict[type, Callable[[Any], Sequence[Shown]]]] = {
     Calibration: _of_calibration,
     PivotCalibration: lambda pivot: [places_table(pivot, labelled=len(pivot.posts) > 1)],
     HandEyeCalibration: lambda eye: [*frame_tables(eye)],
+    ManyEyesCalibration: lambda eyes: [*found_tables(eyes)],
     Registration: lambda registration: [transform_table(registration)],
     Observability: lambda shown: observability_document(shown).shown("console"),
     Outliers: lambda shown: outliers_document(shown).shown("console"),

@@ -22,11 +22,14 @@ if TYPE_CHECKING:
     from suta_calib.measurements.pose_files import PointSet as MeasuredPoints
     from suta_calib.measurements.pose_files import ToolPoses
     from suta_calib.pose_calibration.hand_eye import HandEyeCalibration
+    from suta_calib.pose_calibration.many_eyes import ManyEyesCalibration
     from suta_calib.pose_calibration.pivot import PivotCalibration
     from suta_calib.pose_calibration.registration import Registration
 
 # Residuals below it, mm or degrees, are rounding: exact data have no other.
 ROUNDING: Final = 1e-6
+# Cells of a table of eyes and targets that have room for a number each.
+MOST_CELLS: Final = 120
 RINGS: Final = (5, 10, 15, 30, 45, 60, 90, 120, 150, 180)  # deg
 # How inliers and outliers are marked; sizes are points across.
 _INLIER: Final[dict[str, Any]] = {"marker": "o", "color": BLUE, "ls": "none", "clip_on": False}
@@ -68,6 +71,48 @@ def hand_eye_plot(calibration: HandEyeCalibration) -> str:
         )
         what = "Hand-eye calibration: residuals and axes of motion"
         return svg_text(figure, "hand_eye", what)
+
+
+def many_eyes_plot(calibration: ManyEyesCalibration) -> str:
+    """An SVG: residuals by pair, who saw what how well, and the axes of the motions."""
+    inliers, row = calibration.inliers, "pair (row, from 0)"
+    frame = "hand" if calibration.setup == "eye-in-hand" else "base"
+    # As many eyes and targets as there are: a line for each.
+    height = 5.6 + 0.22 * max(len(calibration.X) - 6, 0)
+    with picture("hand_eye", (WIDTH, height)) as figure:
+        layout: Any = [["m", "rad"], ["seen", "axes"]]
+        panels = figure.subplot_mosaic(layout, height_ratios=(1.0, 1.3))
+        slid = calibration.residuals, inliers, calibration.rms
+        turned = calibration.rotation_residuals, inliers, calibration.rms_angle
+        _draw_residuals(panels["m"], "A X B from their Z", *slid, "m", row)
+        _draw_residuals(panels["rad"], "", *turned, "rad", row)
+        _draw_seen(panels["seen"], calibration)
+        draw_axes(panels["axes"], calibration.axes, inliers[1:] & inliers[:-1])
+        panels["axes"].set_title(
+            f"Axes of the motions in the {frame}\n(angle from its z); large: large turns"
+        )
+        what = "Hand-eye calibration of several eyes: residuals, who saw what, axes of motion"
+        return svg_text(figure, "hand_eye", what)
+
+
+def _draw_seen(axes: Any, calibration: ManyEyesCalibration) -> None:
+    """A cell for every eye and target: rows that were fitted, darker where they agree worse."""
+    sight, good = calibration.sight, calibration.inliers
+    rms = np.full((len(sight.eyes), len(sight.targets)), np.nan)
+    for eye, target, rows in sight.together.edges:
+        fitted = rows[good[rows]]
+        if len(fitted):
+            length = np.linalg.norm(calibration.residuals[fitted], axis=1)
+            rms[eye, target] = mm(float(np.sqrt(np.mean(length**2))))
+        # Numbers that many cells have no room for.
+        if rms.size <= MOST_CELLS:
+            axes.text(target, eye, f"{len(fitted)}", ha="center", va="center", fontsize=8)
+    most = float(np.nanmax(rms, initial=ROUNDING))
+    image = axes.imshow(rms, cmap="Blues", vmin=0.0, vmax=1.6 * most, aspect="auto")
+    axes.figure.colorbar(image, ax=axes, label="RMS, mm")
+    axes.set_xticks(range(len(sight.targets)), sight.targets, rotation=90 * (rms.shape[1] > 8))
+    axes.set_yticks(range(len(sight.eyes)), sight.eyes)
+    axes.set(xlabel="target", ylabel="eye", title="Rows fitted, by eye and target")
 
 
 def register_plot(registration: Registration, b: MeasuredPoints) -> str:

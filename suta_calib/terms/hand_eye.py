@@ -5,22 +5,25 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import ClassVar, Final
+from typing import Any, ClassVar, Final
 
 import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
-from suta_calib.arrays import FloatArray
+from suta_calib.arrays import FloatArray, IntArray
 from suta_calib.geometry.numbers import extent, rotation_from_vector
 from suta_calib.geometry.symbols import Symbol, symbolic_chordal_log
 from suta_calib.measurements import SampleColumns, Samples
+from suta_calib.measurements.fields import TEXT, Field
 from suta_calib.measurements.pose_files import FAR, NEAR
-from suta_calib.terms.block import Block, Pose, flat, pose_of
+from suta_calib.terms.block import Block, Pose, flat, grouped, pose_of
 from suta_calib.terms.checks import check_unit
-from suta_calib.terms.external_frame import pose_named, pose_values
-from suta_calib.terms.hand_eye_start import Poses, close_the_loop, quaternion_hand_eye
+from suta_calib.terms.external_frame import labelled, pose_named, pose_values
+from suta_calib.terms.given_pose import GivenPose, PriorValue
+from suta_calib.terms.hand_eye_start import Poses
 from suta_calib.terms.instrument_terms import SEEN_UNIT, InstrumentTerm
+from suta_calib.terms.many_eyes_start import SeenTogether, eyes_and_targets
 from suta_calib.terms.observed import Observed, TrueFrame
 from suta_calib.terms.poses import ArmPoses, MeasuredPoses, PoseSource
 from suta_calib.terms.synthetic import (
@@ -41,6 +44,21 @@ _Z: Final = (rotation_from_vector([2.0, 0.4, 0.3]), np.array([0.6, 0.2, -0.1]))
 # Where in the eye the target is seen: half a metre away, and how far from there, m.
 _AHEAD: Final = np.array([0.0, 0.0, 0.5])
 _ASIDE: Final = 0.1
+# Labels of the samples that name the eye and the target.
+LABELS: Final = ("eye", "target")
+
+
+@dataclass(frozen=True, eq=False)
+class Owners:
+    """Owners ``names`` of poses, and ``which`` (n,) of them each sample looks at."""
+
+    names: list[str]
+    which: IntArray
+
+    def poses(self, values: Mapping[str, float]) -> Poses:
+        """Rotation (n, 3, 3) and position (n, 3), m, that each sample looks at."""
+        rotations, positions = zip(*(pose_named(values, name) for name in self.names), strict=True)
+        return np.array(rotations)[self.which], np.array(positions)[self.which]
 
 
 def _target_in_eye(poses: Sequence[Pose], unknowns: Symbol) -> Pose:
@@ -74,7 +92,7 @@ class HandEye(InstrumentTerm):
 
     X = ``T_hand_eye`` and Z = ``T_base_target`` are unknown. With the hand's poses inverted the
     same term is eye-to-hand: X = ``T_base_eye`` and Z = ``T_hand_target``. Eliminating Z gives
-    AX = XB.
+    AX = XB. With the labels eye and target every eye has an X of its own, and every target a Z.
 
     Noise that turns the hand moves the target, seen from the eye, about the hand; noise that turns
     what the eye sees does not. The part of the turn in each residual that is the hand's, times its
@@ -82,7 +100,8 @@ class HandEye(InstrumentTerm):
 
     Attributes:
         poses: samples with the measured pose of the target in the eye.
-        label: terms with the same label share the eye and the target.
+        label: terms with the same label share the eye and the target, where no sample names them.
+        target: label of the target, where it is another one than the eye's.
         robot_noise_fraction: part of the rotational noise (of its variance) that is the hand's,
             0 to 1.
         lever_in_eye, lever_in_target: (3,), m, in the axes of the eye and of the target; their sum
@@ -95,15 +114,22 @@ class HandEye(InstrumentTerm):
 
     kind = "hand_eye"
     order = 8
-    about = "a camera on the tip saw a target: its pose in the camera, m"
+    about = (
+        "a camera on the tip saw a target: its pose in the camera, m. With columns eye and target, "
+        "every camera and every target of a name has a pose of its own"
+    )
     columns = SampleColumns(
         position=True,
         orientation="required",
+        common_labels=LABELS,
         about={
             "x, y, z": "Position of the target in the camera.",
             "qx, qy, qz, qw": "Orientation of the target in the camera.",
+            "eye": "Name of the camera, where there are several on the tip.",
+            "target": "Name of the target that it saw, where there are several.",
         },
     )
+    keys = (Field("target", TEXT, "Label of the target, where several cameras share it."),)
     medium = "camera"
     frames = (
         TrueFrame("hand_eye", "eye_in_tip", "pose of the camera on the tip", required=True),
@@ -118,6 +144,7 @@ class HandEye(InstrumentTerm):
         )
     }
 
+    target: str = ""
     robot_noise_fraction: float = 0.0
     lever_in_eye: tuple[float, float, float] = (0.0, 0.0, 0.0)
     lever_in_target: tuple[float, float, float] = (0.0, 0.0, 0.0)
@@ -129,11 +156,55 @@ class HandEye(InstrumentTerm):
             raise self.refuse("no poses of the target", "columns x, y, z, qx, qy, qz, qw")
         return samples.rotation, samples.position
 
+    @property
+    def settings(self) -> Mapping[str, Any]:
+        """The label of the target."""
+        return {"target": self.target} if self.target else {}
+
+    def owners(self, poses: PoseSource) -> tuple[Owners, Owners]:
+        """Owners of the poses of eyes and of targets, and which of them each pose looks at."""
+        labels, found = poses.samples.labels, list[Owners]()
+        of_all = self.label, self.target or self.label
+        for frame, column, label in zip(self.frames, LABELS, of_all, strict=True):
+            names, which = (
+                grouped(labels[column])
+                if column in labels
+                else ([label], np.zeros(len(poses), dtype=np.intp))
+            )
+            ends = [labelled(frame.owner, poses.label(name, frame.end)) for name in names]
+            found.append(Owners(ends, which))
+        return found[0], found[1]
+
+    @cached_property
+    def seen_together(self) -> SeenTogether:
+        """Which eye saw which target in every sample."""
+        eyes, targets = self.owners(self.poses)
+        return SeenTogether(eyes.which, targets.which, len(eyes.names), len(targets.names))
+
+    @property
+    def frame_names(self) -> list[str]:
+        """Owners of the poses of eyes, then of targets."""
+        eyes, targets = self.owners(self.poses)
+        return [*eyes.names, *targets.names]
+
+    def prior_from_pose(self, label: str, pose: GivenPose) -> dict[str, PriorValue]:
+        """As of one eye and one target; where there are several, by the name of either."""
+        named = [owner for owner in self.frame_names if owner.endswith(f"[{label}]")]
+        if label and named:
+            return pose.of_pose(named[0])
+        eyes, targets = self.owners(self.poses)
+        keys = {"": eyes, self.frames[0].key: eyes, self.frames[1].key: targets}
+        only = keys.get(label)
+        return pose.of_pose(only.names[0]) if only and len(only.names) == 1 else {}
+
     @cached_property
     def blocks(self) -> tuple[Block, ...]:
         """Positions and rotations of the target in the eye."""
         (rotation, position), n = self._measured, len(self.poses)
-        own_columns, turned = np.tile(np.arange(12), (n, 1)), flat(rotation)
+        together = self.seen_together
+        first = 6 * np.column_stack([together.eye, together.eyes + together.target])
+        own_columns = (first[:, :, None] + np.arange(6)).reshape(n, 12)
+        turned = flat(rotation)
         lever = np.array(self.lever_in_eye) + rotation @ self.lever_in_target
         both = np.column_stack([position, turned, np.full(n, self.robot_noise_fraction), lever])
         block, labels, angular = Block.per_sample, self.poses.samples.origin, self.angular_noise
@@ -143,11 +214,11 @@ class HandEye(InstrumentTerm):
         )
 
     def observed(self, values: Mapping[str, float], poses: PoseSource) -> Observed:
-        """The target as the eye sees it."""
-        X, Z = (pose_named(values, frame) for frame in self.frame_names)
+        """The targets as the eyes see them."""
+        X, Z = (owners.poses(values) for owners in self.owners(poses))
         rotation, position = poses.at(values)
         back = np.swapaxes(rotation @ X[0], 1, 2)
-        eye = position + rotation @ X[1]
+        eye = position + np.einsum("nij,nj->ni", rotation, X[1])
         return Observed(np.einsum("nij,nj->ni", back, Z[1] - eye), back @ Z[0])
 
     @classmethod
@@ -208,8 +279,6 @@ class HandEye(InstrumentTerm):
             check_unit(self, what, extent(target), extent, expected, SEEN_UNIT)
 
     def start(self, rotation: FloatArray, position: FloatArray) -> FloatArray:
-        """Quaternions of consecutive motions for X, then the mean of the loops for Z."""
-        hand, target = (rotation, position), self._measured
-        X = quaternion_hand_eye(hand, target)
-        Z = close_the_loop(hand, X, target)
-        return np.concatenate([pose_values(*X), pose_values(*Z)])
+        """Closed-form poses of all eyes and targets; of one of each by quaternions of motions."""
+        X, Z = eyes_and_targets((rotation, position), self._measured, self.seen_together)
+        return np.concatenate([pose_values(*X).reshape(-1), pose_values(*Z).reshape(-1)])

@@ -51,8 +51,8 @@ def quaternion_hand_eye(hand: Poses, target: Poses) -> Poses:
         Rotation (..., 3, 3) and position (..., 3) of ``T_hand_eye``. What the motions leave
         undetermined is chosen arbitrarily (rotation) or as small as possible (translation).
     """
-    A = _after(inverse_poses(_rows(hand, slice(1, None))), _rows(hand, slice(-1)))
-    B = _after(_rows(target, slice(1, None)), inverse_poses(_rows(target, slice(-1))))
+    A = after(inverse_poses(_rows(hand, slice(1, None))), _rows(hand, slice(-1)))
+    B = after(_rows(target, slice(1, None)), inverse_poses(_rows(target, slice(-1))))
     R = _rotation_between(A, B)
     left = A[0] - np.eye(3)
     right = np.einsum("...ij,...nj->...ni", R, B[1]) - A[1]
@@ -143,7 +143,7 @@ def chordal_mean(rotation: FloatArray) -> FloatArray:
 def loop_closures(hand: Poses, X: Poses, target: Poses) -> Poses:
     """Every ``A_i X B_i``, which would all be Z without noise."""
     every = X[0][..., None, :, :], X[1][..., None, :]
-    return _after(_after(hand, every), target)
+    return after(after(hand, every), target)
 
 
 def as_eye_in_hand(hand: Poses, setup: EyeSetup) -> Poses:
@@ -158,7 +158,7 @@ def inverse_poses(poses: Poses) -> Poses:
     return back, -np.einsum("...ij,...j->...i", back, p)
 
 
-def _after(outer: Poses, inner: Poses) -> Poses:
+def after(outer: Poses, inner: Poses) -> Poses:
     """``T_a_c = T_a_b T_b_c``, row by row."""
     (R, p), (turn, shift) = outer, inner
     return R @ turn, np.einsum("...ij,...j->...i", R, shift) + p

@@ -24,7 +24,8 @@ from suta_calib.geometry.numbers import (
     rotation_from_vector,
     vector_from_rotation,
 )
-from suta_calib.pose_calibration.hand_eye import _loops, calibrate_hand_eye
+from suta_calib.pose_calibration.hand_eye import calibrate_hand_eye
+from suta_calib.pose_calibration.loop_start import _loops
 from suta_calib.pose_calibration.robot_noise import estimate_lever
 from suta_calib.solver.options import SolverOptions
 from suta_calib.solver.problem import Problem

@@ -12,11 +12,8 @@ from spread import is_as_predicted
 from suta_calib.arrays import FloatArray
 from suta_calib.errors import SamplesError
 from suta_calib.geometry.numbers import vector_from_rotation
-from suta_calib.pose_calibration.hand_eye import (
-    HandEyeCalibration,
-    calibrate_hand_eye,
-    with_scale,
-)
+from suta_calib.pose_calibration.hand_eye import HandEyeCalibration, calibrate_hand_eye
+from suta_calib.pose_calibration.loop_answer import with_scale
 from suta_calib.terms import HandEye
 from suta_calib.terms.synthetic import EXACT, OutlierModel, PoseNoise
 

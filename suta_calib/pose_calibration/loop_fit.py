@@ -1,0 +1,286 @@
+"""``A_i X B_i = Z`` solved robustly, of one eye and one target or of several, and judged."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, Final, get_args
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from suta_calib.arrays import FloatArray
+from suta_calib.errors import ParameterError, SamplesError
+from suta_calib.geometry.numbers import (
+    extent,
+    rms_length,
+    rotation_from_vector,
+    tangent_of_poses,
+    vector_from_rotation,
+)
+from suta_calib.pose_calibration.consensus import Consensus
+from suta_calib.pose_calibration.hand_eye_causes import (
+    refuse_constant,
+    refuse_exchanged,
+    refuse_misread,
+    refuse_strangers,
+    refuse_unseen,
+)
+from suta_calib.pose_calibration.inputs import checked_poses, error_context
+from suta_calib.pose_calibration.loop_start import FEW_PAIRS, NEEDED, first_consensus
+from suta_calib.pose_calibration.robot_noise import RobotNoise, noise_made_directions
+from suta_calib.pose_calibration.robust_fit import MOST_ROWS, ROUNDING, RobustFit, robust_fit
+from suta_calib.pose_calibration.sight import Sight
+from suta_calib.pose_calibration.undetermined import (
+    axes_that_stand,
+    refuse_undetermined,
+    undetermined_directions,
+)
+from suta_calib.terms.hand_eye_start import EyeSetup, Poses, as_eye_in_hand, some_poses
+from suta_calib.terms.many_eyes_start import SeenTogether, loop_errors
+from suta_calib.terms.poses import together
+from suta_calib.trust.examination import Examination
+from suta_calib.trust.hypotheses.depth_scale import DepthScale
+from suta_calib.trust.hypothesis import Finding, weigh
+from suta_calib.trust.rule import Rule
+from suta_calib.units import from_deg
+from suta_calib.words import listed
+
+# What makes X known.
+ADVICE: Final = "turn the hand about at least two axes that are not parallel"
+ADVICE_OF_SEVERAL: Final = (
+    f"{ADVICE} while this eye sees a target, let it see a target that another eye sees too, or "
+    "leave its rows out"
+)
+# No hand and no eye is believed to turn more exactly than this when turns are weighed against
+# displacements: what is smaller repeats well, but is an error of the instruments all the same.
+FINEST_TURN: Final = from_deg(0.1)
+
+
+def checked_pairs(
+    hand: tuple[ArrayLike, ArrayLike], seen: tuple[ArrayLike, ArrayLike], setup: EyeSetup
+) -> tuple[Poses, Poses]:
+    """Pairs of poses that may be calibrated with; `SamplesError` or `ParameterError` else."""
+    A, B = checked_poses(*hand, "hand"), checked_poses(*seen, "seen")
+    if setup not in get_args(EyeSetup):
+        raise ParameterError(f"setup {setup!r}", f"one of {', '.join(get_args(EyeSetup))}")
+    if len(A[1]) != len(B[1]):
+        raise SamplesError(
+            f"{len(A[1])} poses of the hand and {len(B[1])} of the target",
+            "the same number of both",
+        )
+    if len(A[1]) < NEEDED:
+        raise SamplesError(
+            f"{len(A[1])} pairs of poses", f"at least {NEEDED}, turned about different axes"
+        )
+    return A, B
+
+
+@dataclass(frozen=True, eq=False)
+class LoopFit:
+    """All X and Z, with what is known of them.
+
+    Attributes:
+        fit: in units of `length`.
+        length: m per unit.
+        X, Z: of every eye and of every target, m.
+        covariance: of displacements (m, outer axes) and small turns (rad, own axes) of all X, then
+            of all Z.
+        slid, turned: (n, 3) of every loop against its Z: m, outer axes, and rad, target's axes.
+        axes: (n - 1, 3) rotation vectors of the hand's consecutive motions, rad.
+        robot_noise_fraction: part of the rotational noise that seems to be the hand's, 0 to 1.
+        copies: how many of the pairs that were fitted repeat another.
+        examination: prepared for the hypotheses about wrong data.
+        weighed: the evidence on them.
+        failed: what of judging failed, one sentence each.
+    """
+
+    fit: RobustFit
+    length: float
+    X: Poses
+    Z: Poses
+    covariance: FloatArray
+    slid: FloatArray
+    turned: FloatArray
+    axes: FloatArray
+    robot_noise_fraction: float
+    copies: int
+    examination: Examination
+    weighed: tuple[Finding, ...]
+    failed: tuple[str, ...]
+
+    @property
+    def attributes(self) -> dict[str, Any]:
+        """Those that a `LoopAnswer` has of it."""
+        return {
+            "covariance": self.covariance,
+            "residuals": self.slid,
+            "rotation_residuals": self.turned,
+            "inliers": self.fit.inliers,
+            "suspects": self.fit.suspects,
+            "axes": self.axes,
+            "robot_noise_fraction": self.robot_noise_fraction,
+            "copies": self.copies,
+            "solution": self.fit.solution,
+            "length": self.length,
+            "unjudged": self.failed,
+            "examination": self.examination,
+            "weighed": self.weighed,
+        }
+
+
+def fit_loops(
+    hand: Poses,
+    seen: Poses,
+    sight: Sight,
+    setup: EyeSetup,
+    *,
+    robust: bool,
+    seed: int,
+    rule: Rule,
+) -> LoopFit:
+    """Closed form, from a consensus of the pairs, then robustly on SE(3).
+
+    Args:
+        hand: ``T_base_hand``.
+        seen: ``T_eye_target``.
+        sight: which eye saw which target.
+        setup: where the eyes are; the targets are on the other.
+        robust: False for least squares over all pairs.
+        seed: of the minimal samples.
+        rule: when a hypothesis about wrong data is reported.
+
+    Raises:
+        SamplesError: pairs that agree with no X, with what would make them agree; or motions that
+            leave an X open, with the directions.
+    """
+    _refuse_constant(hand, seen, sight)
+    A, B = as_eye_in_hand(hand, setup), seen
+    # How large all this is: lengths are solved in units of it, so that none counts.
+    length = extent(A[1]) + rms_length(B[1]) or 1.0
+    centre = A[1].mean(axis=0)
+    scaled, target = (A[0], (A[1] - centre) / length), (B[0], B[1] / length)
+    few = len(A[1]) < FEW_PAIRS
+    chosen = seed if robust and not few else None
+    start = first_consensus(scaled, target, sight.together, chosen)
+    if not sight.one:
+        refuse_exchanged(start, scaled, target, sight, chosen)
+    _refuse_misread(scaled, target, sight, length, setup, chosen, rule)
+    noise = RobotNoise(scaled, target, FINEST_TURN, sight.labels)
+    # In units of the extent few positions are taken to scatter by this at least.
+    floors = (5e-4 if few else 0.0, FINEST_TURN)
+    fit = robust_fit(noise.make, start, floors, robust=robust, revise=noise.revise)
+    if noise.moves_targets and not noise.explains(fit):
+        noise.forget()
+        fit = robust_fit(noise.make, start, floors, robust=robust)
+    eyes = len(sight.eyes)
+    made_by_noise = [noise_made_directions(fit, noise, k) for k in range(eyes)]
+    more = dict(zip(sight.owners()[0], made_by_noise, strict=True))
+    refuse_strangers(fit, start, A[0], length, more, sight.parts)
+    refuse_unseen(fit.inliers, sight)
+    _refuse_undetermined(fit, A[0], sight, made_by_noise)
+    failed = list[str]()
+    answer = fit.examined(length, "pairs", sight.called(setup), seen_by=sight.seen_by)
+    weighed = weigh(answer, failed)
+    far = next((f for f in weighed if f.hypothesis.name == DepthScale.name), None)
+    explained: tuple[FloatArray, ...] = ()
+    followed = np.zeros_like(fit.covariance)
+    if far is not None and far.supported(rule):
+        change = far.evidence.explained(answer.plain_fit).reshape(len(fit.sigmas), -1, 3)
+        explained = tuple(-s * part for s, part in zip(fit.sigmas, change, strict=True))
+        followed = fit.followed(far.evidence)
+    poses = fit.solution.x.reshape(-1, 6)
+    rotations, places = rotation_from_vector(poses[:, 3:]), poses[:, :3] * length
+    X = rotations[:eyes], places[:eyes]
+    Z = rotations[eyes:], places[eyes:] + centre
+    slid, turned = loop_errors(A, B, X, Z, sight.together)
+    jacobian = tangent_of_poses(fit.solution.x, length)
+    return LoopFit(
+        fit=fit,
+        length=length,
+        X=X,
+        Z=Z,
+        covariance=jacobian @ (fit.spread(explained) + followed) @ jacobian.T,
+        slid=slid,
+        turned=turned,
+        axes=vector_from_rotation(np.swapaxes(A[0][1:], 1, 2) @ A[0][:-1]),
+        robot_noise_fraction=noise.lever.fraction,
+        copies=_copies(scaled, target, sight.together, fit),
+        examination=answer,
+        weighed=tuple(weighed),
+        failed=tuple(failed),
+    )
+
+
+def _refuse_constant(hand: Poses, seen: Poses, sight: Sight) -> None:
+    """`refuse_constant` of every eye and target that were seen together."""
+    if sight.one:
+        refuse_constant(hand, seen)
+        return
+    for eye, target, rows in sight.together.edges:
+        if len(rows) >= NEEDED:
+            with error_context(where=f"eye {sight.eyes[eye]}, target {sight.targets[target]}"):
+                refuse_constant(some_poses(hand, rows), some_poses(seen, rows))
+
+
+def _refuse_misread(
+    A: Poses,
+    B: Poses,
+    sight: Sight,
+    length: float,
+    setup: EyeSetup,
+    seed: int | None,
+    rule: Rule,
+) -> None:
+    """`refuse_misread` of the eye and the target that were seen together most often."""
+    _, _, rows = next(sight.together.edges)
+    A, B = some_poses(A, rows), some_poses(B, rows)
+
+    def start(A: Poses, B: Poses) -> Consensus:
+        none = np.zeros(len(A[1]), dtype=np.intp)
+        return first_consensus(A, B, SeenTogether(none, none, 1, 1), seed)
+
+    if len(rows) >= NEEDED:
+        other = next(name for name in get_args(EyeSetup) if name != setup)
+        refuse_misread(start(A, B), A, B, length, other, start, rule)
+
+
+def _refuse_undetermined(
+    fit: RobustFit, hand: FloatArray, sight: Sight, made_by_noise: Sequence[Sequence[FloatArray]]
+) -> None:
+    """Refuse motions that leave the X of an eye open, and name the eyes and the directions."""
+    open_eyes = [
+        (k, name)
+        for k, (name, owner) in enumerate(zip(sight.eyes, sight.owners()[0], strict=True))
+        if undetermined_directions(fit.solution, owner, made_by_noise[k])
+    ]
+    if not open_eyes:
+        return
+    k, name = open_eyes[0]
+    sees = sight.together.eye == k
+    part = next(part for part in sight.parts if (part & sees).any())
+    still = axes_that_stand(hand[fit.inliers & part], fit.sigmas[1])
+    what, advice = "X", ADVICE
+    if not sight.one:
+        what, advice = f"X of eye {name}", ADVICE_OF_SEVERAL
+        if others := [name for _, name in open_eyes[1:]]:
+            advice = f"{advice}. The same is so of {listed([f'eye {n}' for n in others])}"
+    owner = sight.owners()[0][k]
+    axis = still if len(still) == 1 else None
+    refuse_undetermined(fit.solution, owner, what, advice, axis, made_by_noise[k])
+
+
+def _copies(A: Poses, B: Poses, sight: SeenTogether, fit: RobustFit) -> int:
+    """How many fitted pairs repeat another, as far as noise could ever let them."""
+    rows = np.flatnonzero(fit.inliers)
+    if len(rows) > MOST_ROWS:
+        return 0
+    # Part of the noise within which hand and eye are read alike only where they were not read
+    # again.
+    near = 0.05 * np.maximum(fit.sigmas, ROUNDING)
+    numbers = [
+        row_numbers for R, p in (A, B) for row_numbers in (p / near[0], R.reshape(-1, 9) / near[1])
+    ]
+    # What another eye or target is, is no repetition.
+    numbers.append(2.0 * np.column_stack([sight.eye, sight.target]))
+    return len(rows) - len(np.unique(together(np.hstack(numbers)[rows], 1.0)))

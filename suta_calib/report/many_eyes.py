@@ -1,0 +1,211 @@
+"""Report of a hand-eye calibration of several eyes and targets: every pose, and who saw what."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from operator import attrgetter
+from typing import Final
+
+from suta_calib import report
+from suta_calib.arrays import FloatArray
+from suta_calib.geometry.numbers import rms_length, rpy_from_rotation
+from suta_calib.measurements.pose_files import PosePairs
+from suta_calib.model.parameters import PLACEMENT
+from suta_calib.pose_calibration.eye_poses import FRAMES, Accuracy, Unknown
+from suta_calib.pose_calibration.many_eyes import FoundPose, ManyEyesCalibration
+from suta_calib.report.document import Document, Figure, Part
+from suta_calib.report.hand_eye import CALIBRATION, NAME
+from suta_calib.report.listing import Column, Json, Listing, Row, Table, components, plain, shown_as
+from suta_calib.report.poses import (
+    covariance_record,
+    fit_texts,
+    fitted_rows,
+    pose_record,
+    pose_std_record,
+    residuals_file,
+)
+from suta_calib.units import text
+from suta_calib.words import listed
+
+# Names of partners in one cell.
+NAMED: Final = 8
+
+
+def _pose_columns(pose: Callable[[Row], FloatArray]) -> tuple[Column[Row], ...]:
+    """Position and roll, pitch, yaw of a pose (4, 4), each with its ± over three axes."""
+    known: Callable[[Row], tuple[float, float]] = attrgetter("displaced_turned")
+    return (
+        *components(("x, mm", "y, mm", "z, mm"), lambda row: pose(row)[:3, 3], "m"),
+        Column("", "±, mm", lambda row: known(row)[0], "m"),
+        *components(
+            ("roll, deg", "pitch", "yaw"),
+            lambda row: rpy_from_rotation(pose(row)[:3, :3]),
+            "rad",
+            form=".3f",
+        ),
+        Column("", "±, deg", lambda row: known(row)[1], "rad", form=".3f"),
+    )
+
+
+FOUND: Final = Listing[FoundPose]("", Column("name", ""), *_pose_columns(lambda one: one.pose))
+FITTED: Final = Listing[FoundPose](
+    "How well they agree",
+    Column("name", ""),
+    shown_as("fitted", lambda one: f"{one.inliers} of {len(one.rows)}"),
+    Column("rms", "RMS, mm", unit="m"),
+    Column("rms", "RMS, deg", lambda one: one.rms_angle, "rad"),
+    Column("", "seen with", lambda one: listed([*one.partners], NAMED)),
+)
+
+
+@dataclass(frozen=True, eq=False)
+class SeenPair:
+    """Rows in which one eye saw one target.
+
+    Attributes:
+        eye, target: their names.
+        rows: how many there are.
+        inliers: how many of them were fitted.
+        rms, rms_angle: of these, m and rad.
+    """
+
+    eye: str
+    target: str
+    rows: int
+    inliers: int
+    rms: float
+    rms_angle: float
+
+
+PAIRS: Final = Listing[SeenPair](
+    "Who saw what",
+    Column("eye", "eye"),
+    Column("target", "target"),
+    Column("rows", "rows"),
+    Column("inliers", "fitted"),
+    Column("rms", "RMS, mm", unit="m"),
+    Column("rms", "RMS, deg", lambda pair: pair.rms_angle, "rad"),
+    key="pairs",
+)
+
+
+@dataclass(frozen=True, eq=False)
+class EyeToEye(Accuracy):
+    """Pose ``T_first_name`` (4, 4) of an eye in the first one, m.
+
+    Attributes:
+        name: of the eye.
+        std6: as of `Accuracy`.
+    """
+
+    name: str
+    pose: FloatArray
+    std6: FloatArray
+
+
+BETWEEN: Final = Listing[EyeToEye]("", Column("name", ""), *_pose_columns(lambda row: row.pose))
+
+
+def many_eyes_document(calibration: ManyEyesCalibration, data: PosePairs) -> Document:
+    """Every X and every Z, with standard deviations; ``residuals.csv``."""
+    frames, sight = FRAMES[calibration.setup], calibration.sight
+    between = [*_between(calibration)]
+    fit = (
+        f"rms {text(calibration.rms, 'm', with_unit=True)} (3-D), "
+        f"{text(calibration.rms_angle, 'rad', with_unit=True)}"
+    )
+    labels = {
+        "eye": [sight.eyes[k] for k in sight.together.eye],
+        "target": [sight.targets[k] for k in sight.together.target],
+    }
+    residuals, turns = calibration.residuals, calibration.rotation_residuals
+    parts: list[Part] = [
+        *found_tables(calibration),
+        *([BETWEEN.of(between, f"The other eyes in eye {sight.eyes[0]}")] if between else []),
+        FITTED.of((*calibration.eyes, *calibration.targets), place="detail"),
+        PAIRS.of(_pairs(calibration), place="detail"),
+        *fit_texts(fit, "pair", calibration, data.lines),
+        residuals_file(calibration.inliers, {"line": data.lines, **labels}, residuals, turns),
+        Figure(lambda: report.many_eyes_plot(calibration)),
+    ]
+    sides = {"X": calibration.eyes, "Z": calibration.targets}
+    order = [
+        f"{side}[{one.name}].{key}"
+        for side, found in sides.items()
+        for one in found
+        for key in PLACEMENT
+    ]
+    record: Json = {
+        "setup": calibration.setup,
+        "model": "AX=ZB",
+        **{side: {one.name: one.pose for one in found} for side, found in sides.items()},
+        "frames": {name: frames[name] for name in calibration.unknowns},
+        "std": {
+            side: {one.name: pose_std_record(one.std6) for one in found}
+            for side, found in sides.items()
+        },
+        "eyes": {one.name: _record(one) for one in calibration.eyes},
+        "targets": {one.name: _record(one) for one in calibration.targets},
+        "between_eyes": [
+            {
+                "eye": row.name,
+                "in_eye": sight.eyes[0],
+                "T": row.pose,
+                "std": pose_std_record(row.std6),
+            }
+            for row in between
+        ],
+        **CALIBRATION.record(calibration),
+        **fitted_rows(calibration, data.lines),
+        "covariance": covariance_record(calibration.covariance, order, "m, rad"),
+        "input": str(data.path),
+    }
+    about = NAME, "Hand-eye calibration of several eyes and targets", calibration.assessment
+    return Document(*about, parts, record, "result", calibration.in_a_line)
+
+
+def found_tables(calibration: ManyEyesCalibration) -> Iterator[Table]:
+    """All X, then all Z, in words."""
+    frames = FRAMES[calibration.setup]
+    sides: tuple[tuple[Unknown, tuple[FoundPose, ...]], ...] = (
+        ("X", calibration.eyes),
+        ("Z", calibration.targets),
+    )
+    for name, found in sides:
+        _, base, what = frames[name].split("_")
+        title = f"{name} = {frames[name]}: each {what} in the {base}, {calibration.setup}"
+        yield FOUND.of(found, title)
+
+
+def _record(one: FoundPose) -> Json:
+    return {
+        **pose_record(one.pose),
+        "rows": len(one.rows),
+        "inliers": one.inliers,
+        "rms_mm": plain(one.rms, "m"),
+        "rms_deg": plain(one.rms_angle, "rad"),
+        "seen_with": list(one.partners),
+    }
+
+
+def _between(calibration: ManyEyesCalibration) -> Iterator[EyeToEye]:
+    """Every eye in the first one."""
+    first, *others = calibration.sight.eyes
+    for other in others:
+        yield EyeToEye(other, *calibration.relative(first, other))
+
+
+def _pairs(calibration: ManyEyesCalibration) -> Iterator[SeenPair]:
+    """Every eye with every target that it saw, in their order."""
+    sight, good = calibration.sight, calibration.inliers
+    for eye, target, rows in sorted(sight.together.edges, key=lambda edge: edge[:2]):
+        fitted = rows[good[rows]]
+        yield SeenPair(
+            sight.eyes[eye],
+            sight.targets[target],
+            len(rows),
+            len(fitted),
+            rms_length(calibration.residuals[fitted]),
+            rms_length(calibration.rotation_residuals[fitted]),
+        )
