@@ -45,6 +45,7 @@ from .pose_calibration import HandEyeCalibration as HandEyeCalibration
 from .pose_calibration import PivotCalibration as PivotCalibration
 from .pose_calibration import Registration as Registration
 from .pose_calibration.hand_eye import calibrate_hand_eye as calibrate_hand_eye
+from .pose_calibration.many_eyes import ManyEyesCalibration as ManyEyesCalibration
 from .pose_calibration.many_eyes import calibrate_many_eyes as calibrate_many_eyes
 from .pose_calibration.pivot import calibrate_pivot as calibrate_pivot
 from .pose_calibration.proof import with_proof as with_proof

@@ -71,8 +71,7 @@ def _proof(answer: RobustAnswer) -> Optimality:
     assert isinstance(term, HandEye)
     together = term.seen_together
     rows = loop_rows(solution, term, together.eye, together.eyes + together.target)
-    what = "X and Z" if together.eyes == together.targets == 1 else "every X and Z"
-    return _of_poses(solution, rows, length, len(term.poses) * len(term.blocks), what)
+    return _of_poses(solution, rows, length, len(term.poses) * len(term.blocks), "X and Z")
 
 
 def _of_poses(
