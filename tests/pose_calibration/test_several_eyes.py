@@ -116,7 +116,6 @@ def test_an_eye_with_motions_about_one_axis_is_named_with_what_it_leaves_open() 
     flat = scene(
         2, 2, 40, seed=2, sees=np.eye(2, dtype=bool), axes=np.array([axis, axis]), hand=EXACT
     )
-    late = whole.eye == "right"
     rows = np.where(whole.eye == "right", 80, 0) + np.arange(80)
     hand, seen = (
         some_poses((np.concatenate([a[0], b[0]]), np.concatenate([a[1], b[1]])), rows)
