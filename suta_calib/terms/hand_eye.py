@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 from suta_calib.arrays import FloatArray, IntArray
 from suta_calib.geometry.numbers import extent, rotation_from_vector
 from suta_calib.geometry.symbols import Symbol, symbolic_chordal_log
-from suta_calib.measurements import SampleColumns, Samples
+from suta_calib.measurements import SampleColumns, Samples, YamlSection
 from suta_calib.measurements.fields import TEXT, Field
 from suta_calib.measurements.pose_files import FAR, NEAR
 from suta_calib.terms.block import Block, Pose, flat, grouped, pose_of
@@ -101,7 +101,7 @@ class HandEye(InstrumentTerm):
     Attributes:
         poses: samples with the measured pose of the target in the eye.
         label: terms with the same label share the eye and the target, where no sample names them.
-        target: label of the target, where it is another one than the eye's.
+        target_label: of the target, where it is another one than the eye's.
         robot_noise_fraction: part of the rotational noise (of its variance) that is the hand's,
             0 to 1.
         lever_in_eye, lever_in_target: (3,), m, in the axes of the eye and of the target; their sum
@@ -144,7 +144,7 @@ class HandEye(InstrumentTerm):
         )
     }
 
-    target: str = ""
+    target_label: str = ""
     robot_noise_fraction: float = 0.0
     lever_in_eye: tuple[float, float, float] = (0.0, 0.0, 0.0)
     lever_in_target: tuple[float, float, float] = (0.0, 0.0, 0.0)
@@ -156,15 +156,21 @@ class HandEye(InstrumentTerm):
             raise self.refuse("no poses of the target", "columns x, y, z, qx, qy, qz, qw")
         return samples.rotation, samples.position
 
+    @classmethod
+    def read_settings(cls, row: YamlSection) -> dict[str, Any]:
+        """The label of the target."""
+        settings = super().read_settings(row)
+        return {"target_label": settings.pop("target"), **settings} if settings else {}
+
     @property
     def settings(self) -> Mapping[str, Any]:
         """The label of the target."""
-        return {"target": self.target} if self.target else {}
+        return {"target_label": self.target_label} if self.target_label else {}
 
     def owners(self, poses: PoseSource) -> tuple[Owners, Owners]:
         """Owners of the poses of eyes and of targets, and which of them each pose looks at."""
         labels, found = poses.samples.labels, list[Owners]()
-        of_all = self.label, self.target or self.label
+        of_all = self.label, self.target_label or self.label
         for frame, column, label in zip(self.frames, LABELS, of_all, strict=True):
             names, which = (
                 grouped(labels[column])

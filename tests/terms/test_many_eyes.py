@@ -121,7 +121,7 @@ def test_terms_of_two_eyes_share_a_target_by_its_label() -> None:
             rotation=data.seen[0][rows],
         )
         poses = MeasuredPoses(data.hand[0][rows], data.hand[1][rows], samples)
-        parts.append(HandEye(poses, label=label, target="A"))
+        parts.append(HandEye(poses, label=label, target_label="A"))
     problem = Problem(parts)
     owners = {p.owner for p in problem.parameters.values()}
     assert owners == {"hand_eye[left]", "hand_eye[right]", "target[A]"}
