@@ -57,8 +57,9 @@ def monitor(
 ) -> None:
     """Show what a device sends. Run this first if anything does not work.
 
-    It shows each joint's angle, its noise over the last second and the flags of its encoder, and
-    the frame rate, damaged frames and lost frames. In a terminal the table is live; elsewhere one
+    It shows each joint's angle, its noise over the last second and the flags of its encoder, other
+    numbers that come with them (extra_columns), and the frame rate, damaged frames and lost frames.
+    In a terminal the table is live; elsewhere one
     line is printed per second. It ends after --seconds or with Ctrl-C, and then shows the problems
     and what to do. If the port cannot be opened, sends nothing, or sends unreadable bytes, the
     command ends with an error message.
@@ -157,6 +158,7 @@ class _View(LiveView):
             title += f" · device clock {data['clock_ppm']:+.0f} ppm"
         table = FittedTable(JOINTS.of(data["joints"].items(), title))
         lines = [Text(f"· {remark}", style="yellow") for remark in data["remarks"]]
+        lines = [*([Text(extra)] if (extra := _extra(data)) else []), *lines]
         if self._tip is not None and data["tip"] is not None:
             where, turn = (_vector(data["tip"][key]) for key in ("position_mm", "rotation_rpy_deg"))
             lines = [Text(f"{self._tip.frames}: {where} mm, roll pitch yaw {turn}°"), *lines]
@@ -186,7 +188,13 @@ def _line(data: dict[str, Any]) -> str:
     )
     bad = _losses({key: number for key, number in data.items() if number})
     tip = "" if data["tip"] is None else f"  tip {_vector(data['tip']['position_mm'])} mm"
-    return f"{data['frame_rate_hz']:.1f} {data['format']}/s  {angles}{tip}  {bad}".rstrip()
+    shown = "  ".join(filter(None, (angles, _extra(data))))
+    return f"{data['frame_rate_hz']:.1f} {data['format']}/s  {shown}{tip}  {bad}".rstrip()
+
+
+def _extra(data: dict[str, Any]) -> str:
+    """What was sent last beside the joints."""
+    return "  ".join(f"{name} {_number(value, 4)}" for name, value in data["extra"].items())
 
 
 def _losses(data: dict[str, Any]) -> str:

@@ -171,6 +171,7 @@ def stream_report(
         for k, name in enumerate(spec.names)
     }
     since = 0.0 if last is None else now - last.arrival
+    extra = dict(zip(spec.extra_columns, last.extra.tolist(), strict=True)) if last else {}
     silent = (
         f"no data for {since:.1f} s; check that the cable is plugged in and the device is "
         "switched on"
@@ -186,6 +187,7 @@ def stream_report(
         **{key: int(getattr(statistics, key)) for key in LOSSES},
         "stale_readings": statistics.stale_readings,
         "joints": joints,
+        "extra": extra,
         "tip": tip,
         "remarks": [*([silent] if paused else []), *remarks(statistics, spec)],
     }

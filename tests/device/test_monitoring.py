@@ -149,6 +149,19 @@ def test_the_object_says_everything(
     assert "joint_2: warning" in data["remarks"][0]
 
 
+def test_numbers_beside_the_joints_are_shown(
+    arm: PtyDevice, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (arm.link.parent / "device.yaml").write_text(
+        "port: arm\nformat: lines\nunit: rad\njoints: [{name: a}]\nextra_columns: [ax, ay]\n"
+    )
+    arm.stream(lambda *_: b"0.5,9.8125,nan\n")
+    assert monitor(arm, "--seconds", "0.4") == 0
+    assert "a 28.648°  ax 9.8125  ay –" in capsys.readouterr().out
+    assert monitor(arm, "--json", "--seconds", "0.2") == 0
+    assert json.loads(capsys.readouterr().out)["extra"] == {"ax": 9.8125, "ay": None}
+
+
 def test_without_a_terminal_it_prints_lines(
     arm: PtyDevice, capsys: pytest.CaptureFixture[str]
 ) -> None:

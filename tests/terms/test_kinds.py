@@ -7,6 +7,7 @@ import re
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from suta_calib.registry import shipped
@@ -117,3 +118,12 @@ def test_kinds_are_offered_in_their_order() -> None:
     assert len(KINDS) == len([*KINDS])
     with pytest.raises(KeyError, match="plain"):
         KINDS["plain"]
+
+
+@pytest.mark.parametrize("kind", KINDS.values(), ids=KINDS)
+def test_what_a_device_may_send_are_columns_of_the_samples(kind: type[Term]) -> None:
+    """And a kind that refuses rests says so of these columns, and takes good ones."""
+    assert {*kind.sent} <= {number.name for number in kind.columns.numbers}
+    some, none = np.ones(len(kind.sent)), np.zeros((0, len(kind.sent)))
+    assert kind.refused_rest(some, 1e-3 * some, none) == ""
+    assert kind.refused_rest(some, 1e-3 * some, np.array([some, some])) == ""
