@@ -410,7 +410,9 @@ class _Session:
 
 def _kinds_over(columns: Sequence[str]) -> list[type[Term]]:
     """Kinds of observation that are measured at rest by these columns alone."""
-    return [kind for kind in KINDS.values() if kind.sent and {*kind.sent} <= {*columns}]
+    # Loading the kinds takes a second, in which the arm may be leaving its first posture.
+    kinds = KINDS.values() if columns else ()
+    return [kind for kind in kinds if kind.sent and {*kind.sent} <= {*columns}]
 
 
 def _plan(
@@ -424,7 +426,8 @@ def _plan(
     if options.free:
         chain = options.chain, ""
         out = options.job.parent / f"free_{options.repeat}.csv"
-        kinds = [kind.kind for kind in _kinds_over(columns)]
+        resting = options.continuous is None
+        kinds = [kind.kind for kind in _kinds_over(columns) if resting]
         if kinds and any(row.kind in kinds for row in read_outline(options.job).rows):
             row = read_row(options.job, options.observation, kinds, options.chain)
             chain, out = row.chain, row.file("free", options.repeat)

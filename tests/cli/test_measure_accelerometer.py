@@ -97,6 +97,11 @@ def test_what_was_recorded_becomes_samples_that_show_the_zeros_of_the_joints(fol
     assert list(table.columns) == [*given.device.names, "repeat", *ACCELERATIONS]
     assert len(table) == 25
     assert max(map(abs, off(folder).values())) < 0.15
+    # In motion an accelerometer shows more than gravity: no samples of it.
+    more = ("--recording", recording, "--free", "--continuous", 2)
+    assert cli("measure", folder / "calibration.yaml", *map(str, more)) == 0
+    swept = read_csv_table(folder / "free_1.csv")
+    assert not {*ACCELERATIONS} & {*swept.columns}
 
 
 @pytest.mark.slow
