@@ -106,15 +106,17 @@ def test_what_was_recorded_becomes_samples_that_show_the_zeros_of_the_joints(fol
 
 @pytest.mark.slow
 def test_the_same_from_a_port(folder: Path) -> None:
-    with EmulatedArm(emulation(folder, 25, Timing(1.2, 0.4)), patient=True) as emulator:
+    # A busy computer may miss some rests: there are more of them.
+    with EmulatedArm(emulation(folder, 32, Timing(1.2, 0.4)), patient=True) as emulator:
         emulator.write_device(folder / "device.yaml")
         assert cli(*measured(folder, 25)) == 0
     assert max(map(abs, off(folder).values())) < 0.15
 
 
 def test_a_bad_cable_costs_no_rest(folder: Path, capsys: Capture) -> None:
-    timing = Timing(1.5, 0.4)
-    given = emulation(folder, 4, timing, "corrupt=0.01,burst=0.1@1,disconnect=0.4@2.4")
+    # The cable is pulled out at the second rest. A busy computer may miss others: there are more.
+    timing, rests = Timing(1.5, 0.4), 14
+    given = emulation(folder, rests, timing, "corrupt=0.01,burst=0.1@1,disconnect=0.4@2.4")
     with EmulatedArm(given, patient=True) as emulator:
         emulator.write_device(folder / "device.yaml")
         raw = folder / "raw.parquet"
@@ -124,34 +126,38 @@ def test_a_bad_cable_costs_no_rest(folder: Path, capsys: Capture) -> None:
     assert "lines that cannot be read" in out
     table = read_csv_table(folder / "calibration" / "free_1.csv")
     found = np.column_stack([table.numbers(name, "numbers") for name in ACCELERATIONS])
-    middles = np.arange(4) * (timing.rest + timing.move) + timing.rest / 2
+    q = np.column_stack([table.numbers(name, "numbers") for name in given.device.names])
+    middles = np.arange(rests) * (timing.rest + timing.move) + timing.rest / 2
+    away = np.abs(given.motion.readings(middles) - q[:, None]).max(axis=2)
+    assert away.min(axis=1).max() < 1e-5
+    at = away.argmin(axis=1)
+    assert at[0] == 0
+    assert len({*at.tolist()}) == 4
     assert given.extra is not None
-    assert np.abs(found - given.extra.readings(middles)).max() < 0.02
+    assert np.abs(found - given.extra.readings(middles[at])).max() < 0.02
 
 
 def test_rests_whose_sensor_did_not_rest_are_left_out_and_named(
     folder: Path, capsys: Capture
 ) -> None:
-    timing, rests = Timing(1.0, 0.3), 5
+    # Two rests of each sort, as a busy computer may miss one; the last rest lasts for good.
+    timing, rests = Timing(1.0, 0.3), 6
 
     def change(rest: int, values: FloatArray) -> object:
         alternating = (-1.0) ** np.arange(len(values))[:, None]
-        return {
-            1: values + 2.0 * alternating,
-            2: np.where(np.arange(3) == 1, np.nan, values),
-            4: values / 9.81,
-        }.get(rest, values)
+        shaken, empty = values + 2.0 * alternating, np.where(np.arange(3) == 1, np.nan, values)
+        return (values, shaken, shaken, empty, empty, values / 9.81)[rest]
 
     given = spoilt(emulation(folder, rests, timing), timing, change)
     with EmulatedArm(given, patient=True) as emulator:
         emulator.write_device(folder / "device.yaml")
-        assert cli(*measured(folder, rests, "--patience", 2)) == 1
+        assert cli(*measured(folder, rests, "--patience", 4)) == 1
     out = capsys.readouterr().out
     assert "the readings of the accelerometer scattered by" in out
     assert "of the readings of ay are no numbers" in out
     assert "Are g and m/s² mixed?" in out
     table = read_csv_table(folder / "calibration" / "free_1.csv")
-    assert len(table) == 2
+    assert len(table) == 1
     lengths = np.linalg.norm([table.numbers(name, "") for name in ACCELERATIONS], axis=0)
     np.testing.assert_allclose(lengths, 9.81, rtol=0.01)
     assert "run the same command with --resume" in out
