@@ -84,7 +84,7 @@ class RecordedStream:
         extra = tuple(name for name in self.spec.extra_columns if name not in joints)
         self.spec = replace(self.spec, extra_columns=extra)
         numbers = [_numbers(self._table.columns[name]) for name in extra]
-        self._extra = np.array(numbers).reshape(len(extra), -1).T
+        self._extra = np.array(numbers).reshape(len(extra), len(self._time)).T
 
     def __enter__(self) -> Self:
         return self
