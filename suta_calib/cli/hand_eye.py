@@ -10,13 +10,13 @@ import click
 from suta_calib.cli._formats import read_poses
 from suta_calib.cli._options import PATH, certify_option, option, pose_options, scale_option
 from suta_calib.cli._output import LateProgress, answer_command
+from suta_calib.cli._views import NAMED, NamedFile, views_of
 from suta_calib.geometry.lens import LENSES
-from suta_calib.measurements import read_board, read_camera, read_corners
 from suta_calib.measurements.pose_files import read_hand_poses, read_pose_pairs
 from suta_calib.pose_calibration import hand_eye_from_pairs, many_eyes_from_pairs
 from suta_calib.pose_calibration.loop_answer import with_scale
 from suta_calib.pose_calibration.picture_proof import pictures_with_proof
-from suta_calib.pose_calibration.pictures import View, hand_eye_from_pictures
+from suta_calib.pose_calibration.pictures import hand_eye_from_pictures
 from suta_calib.pose_calibration.proof import with_proof
 from suta_calib.report.document import Document
 from suta_calib.report.hand_eye import hand_eye_document
@@ -24,10 +24,8 @@ from suta_calib.report.many_eyes import many_eyes_document
 from suta_calib.report.pictures import picture_document
 
 if TYPE_CHECKING:
-    from suta_calib.geometry.lens import Lens
-    from suta_calib.measurements import Camera
     from suta_calib.pose_calibration.eye_poses import Model
-    from suta_calib.pose_calibration.pictures import Intrinsics, View
+    from suta_calib.pose_calibration.pictures import Intrinsics
     from suta_calib.terms.hand_eye_start import EyeSetup
 
 
@@ -44,15 +42,22 @@ if TYPE_CHECKING:
 )
 @option(
     "--corners",
-    "Corners of a board in pictures, as detect writes them; repeat it for every further camera.",
-    PATH,
+    "Corners of a board in pictures, as detect writes them; repeat it for every further camera, as "
+    "EYE=FILE by name, or give one file with columns eye and target.",
+    NAMED,
     multiple=True,
 )
 @option(
-    "--board", "File of the board; one for all, or one for each --corners.", PATH, multiple=True
+    "--board",
+    "File of the board; one for all, one for each --corners, or TARGET=FILE by name.",
+    NAMED,
+    multiple=True,
 )
 @option(
-    "--camera", "File of the camera, in the order of --corners; default: none.", PATH, multiple=True
+    "--camera",
+    "File of the camera, in the order of --corners, or EYE=FILE by name; default: none.",
+    NAMED,
+    multiple=True,
 )
 @option(
     "--lens MODEL",
@@ -73,9 +78,9 @@ def hand_eye(
     poses: Path,
     setup: EyeSetup,
     model: Model,
-    corners: tuple[Path, ...],
-    board: tuple[Path, ...],
-    camera: tuple[Path, ...],
+    corners: tuple[NamedFile, ...],
+    board: tuple[NamedFile, ...],
+    camera: tuple[NamedFile, ...],
     lens: str | None,
     intrinsics: Intrinsics,
     scale_ppm: float,
@@ -96,26 +101,28 @@ def hand_eye(
     accurate and also corrects the camera; --out then writes camera.yaml too. Without --camera the
     intrinsics are found from the pictures alone, and so is the model of the lens (or give --lens).
     --scale-ppm applies to the b_ columns: use 5000 for a printed target that was not measured.
+
+    Several cameras and boards by name: --corners with columns eye and target, --camera EYE=FILE,
+    --board TARGET=FILE. A row of POSES.csv is of every camera that has corners in a picture of its
+    name; with a column eye it is of that camera alone.
     """
     _check(corners, board, camera, intrinsics, lens)
     if corners:
-        hand, views = (
-            read_hand_poses(read_poses(poses, setup=setup)),
-            _views(corners, board, camera, LENSES[lens] if lens else None),
-        )
+        hand = read_hand_poses(read_poses(poses, setup=setup))
+        views, named = views_of(corners, board, camera, LENSES[lens] if lens else None)
         with LateProgress("calibrating"):
             pictured = hand_eye_from_pictures(
                 hand,
                 views,
                 setup=setup,
-                model=model,
+                model="AX=ZB" if named else model,
                 intrinsics=intrinsics,
                 robust=not plain,
                 seed=seed,
             )
             if certify:
                 pictured = pictures_with_proof(pictured)
-        return picture_document(pictured, hand).with_data(
+        return picture_document(pictured, hand, named=named).with_data(
             robust=not plain, seed=seed, intrinsics=intrinsics
         )
 
@@ -139,9 +146,9 @@ def hand_eye(
 
 
 def _check(
-    corners: tuple[Path, ...],
-    board: tuple[Path, ...],
-    camera: tuple[Path, ...],
+    corners: tuple[NamedFile, ...],
+    board: tuple[NamedFile, ...],
+    camera: tuple[NamedFile, ...],
     intrinsics: str,
     lens: str | None,
 ) -> None:
@@ -152,39 +159,7 @@ def _check(
         return
     if not board:
         raise click.UsageError("--corners needs --board, the file of the board in the pictures")
-    if len(board) not in (1, len(corners)):
-        raise click.UsageError(
-            f"{len(board)} --board for {len(corners)} --corners: give one for all, or one for each"
-        )
-    if len(camera) not in (0, len(corners)):
-        raise click.UsageError(
-            f"{len(camera)} --camera for {len(corners)} --corners: give none, or one for each"
-        )
     if lens and camera:
         raise click.UsageError("--camera names its lens: give either --camera or --lens, not both")
     if intrinsics == "fixed" and not camera:
         raise click.UsageError("--intrinsics fixed needs --camera, the file that is used")
-
-
-def _views(
-    corners: tuple[Path, ...], board: tuple[Path, ...], camera: tuple[Path, ...], lens: Lens | None
-) -> list[View]:
-    """What every camera saw; cameras and boards are called as their files, or numbered."""
-    boards = [read_board(file) for file in board] * (len(corners) if len(board) == 1 else 1)
-    of_board = [str(file.resolve()) for file in board] * (len(corners) if len(board) == 1 else 1)
-    targets = {name: str(k + 1) for k, name in enumerate(dict.fromkeys(of_board))}
-    cameras: list[Camera | None] = [read_camera(file) for file in camera]
-    cameras = cameras or [None] * len(corners)
-    stems = [file.stem for file in corners]
-    unique = len(set(stems)) == len(stems)
-    return [
-        View(
-            "default" if len(corners) == 1 else stem if unique else str(k + 1),
-            read_corners(file),
-            boards[k],
-            cameras[k],
-            "default" if len(targets) == 1 else targets[of_board[k]],
-            lens,
-        )
-        for k, (file, stem) in enumerate(zip(corners, stems, strict=True))
-    ]

@@ -15,6 +15,7 @@ from .camera import write_camera as write_camera
 from .corners import Corners as Corners
 from .corners import corners_of as corners_of
 from .corners import read_corners as read_corners
+from .corners import read_corners_by_sight as read_corners_by_sight
 from .corners import write_corners as write_corners
 from .csv_table import CsvTable as CsvTable
 from .csv_table import NumberColumn as NumberColumn

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
+from collections.abc import Sequence
 from dataclasses import dataclass
 from hashlib import sha256
 from pathlib import Path
@@ -17,7 +18,7 @@ from suta_calib.display import Displayable
 from suta_calib.errors import InputError, SamplesError
 from suta_calib.measurements.board import Board
 from suta_calib.measurements.camera import Camera
-from suta_calib.measurements.csv_table import read_csv_table
+from suta_calib.measurements.csv_table import CsvTable, read_csv_table
 from suta_calib.measurements.files import write_text
 
 _COLUMNS: Final = ("image", "point", "u", "v")
@@ -96,10 +97,30 @@ def read_corners(path: str | Path) -> Corners:
     """Read ``corners.csv``; other columns are ignored.
 
     Raises:
+        SamplesError: as `read_corners_by_sight`; a point twice in one picture, whichever eye or
+            board it is of.
+    """
+    return _checked(read_csv_table(Path(path)), ())
+
+
+def read_corners_by_sight(path: str | Path) -> dict[tuple[str, str], Corners]:
+    """Read ``corners.csv`` with columns ``eye`` and ``target``, by these; empty without a column.
+
+    Raises:
         SamplesError: unreadable, a column missing, a value that is none, a point's number that is
-            not whole, or a point twice in one picture.
+            not whole, or a point of one board twice in one picture of an eye.
     """
     table = read_csv_table(Path(path))
+    roles = [role for role in ("eye", "target") if role in table.columns]
+    corners = _checked(table, roles)
+    none = np.full(len(corners), "", dtype=np.str_)
+    eye, target = (table.labels(r) if r in roles else none for r in ("eye", "target"))
+    keys = dict.fromkeys(zip(eye.tolist(), target.tolist(), strict=True))
+    return {key: corners.take((eye == key[0]) & (target == key[1])) for key in keys}
+
+
+def _checked(table: CsvTable, roles: Sequence[str]) -> Corners:
+    """All rows, of which no two have the same picture, point and labels of these columns."""
     image = table.labels("image", "a column with the picture's name")
     point = table.numbers("point", "a column with the board's number of the corner")
     # Pixels; a corner farther off than any sensor is wide is none.
@@ -112,15 +133,16 @@ def read_corners(path: str | Path) -> Corners:
         cell = repr(table.columns["uv"[axis]][row])
         raise table.refuse(int(row), "uv"[axis], cell, f"pixels, within {largest:g}")
     corners = Corners(image, point.astype(np.intp), pixel, table.path, table.lines)
-    first: dict[tuple[str, int], int] = {}
-    for row, key in enumerate(zip(image.tolist(), corners.point.tolist(), strict=True)):
+    first: dict[tuple[object, ...], int] = {}
+    labels = [table.columns[role] for role in roles]
+    for row, key in enumerate(zip(image.tolist(), corners.point.tolist(), *labels, strict=True)):
         if key in first:
             raise corners.refuse(
                 row,
                 f"the same point as in line {table.lines[first[key]]}",
                 "each point only once per picture",
                 "if there are two boards in one picture, or two pictures with one name, give "
-                "each its own name",
+                "each its own name, or columns eye and target",
             )
         first[key] = row
     return corners

@@ -13,7 +13,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from suta_calib.arrays import FloatArray
+from suta_calib.arrays import FloatArray, IntArray
 from suta_calib.display import Displayable
 from suta_calib.errors import SamplesError, SutaCalibWarning
 from suta_calib.measurements.csv_table import (
@@ -25,6 +25,7 @@ from suta_calib.measurements.csv_table import (
     rotations,
 )
 from suta_calib.units import from_mm, mm
+from suta_calib.words import listed
 
 # Typical distances that speak of the other unit: no tracker looks 30 m far, nor 3 mm only.
 FAR: Final = 30.0
@@ -86,10 +87,28 @@ class HandPoses(_PoseRows):
     Attributes:
         pose: rotations (n, 3, 3) and positions (n, 3), m.
         image: (n,) the picture's name.
+        eye: (n,) label of the eye that took it; None where every eye may have taken one.
     """
 
     pose: tuple[FloatArray, FloatArray]
     image: NDArray[np.str_]
+    eye: NDArray[np.str_] | None = None
+
+    def of_eye(self, label: str) -> IntArray:
+        """Rows of the pictures of an eye, (k,).
+
+        Raises:
+            SamplesError: there are none.
+        """
+        if self.eye is None:
+            return np.arange(len(self.image), dtype=np.intp)
+        rows = np.flatnonzero(self.eye == label)
+        if not len(rows):
+            names = listed([*dict.fromkeys(self.eye.tolist())])
+            raise SamplesError(
+                f"no row of eye {label}", f"one of {names}", file=self.path, where="column 'eye'"
+            )
+        return rows
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -148,8 +167,10 @@ def read_pose_pairs(source: str | Path | CsvTable) -> PosePairs:
 def read_hand_poses(source: str | Path | CsvTable) -> HandPoses:
     """Columns ``a_x,a_y,a_z,a_qx,a_qy,a_qz,a_qw`` and ``image``.
 
+    And ``eye`` where every eye has rows, or names of pictures, of its own.
+
     Raises:
-        SamplesError: as `read_tool_poses`, or a picture twice.
+        SamplesError: as `read_tool_poses`, or a picture of an eye twice.
 
     Warns:
         SutaCalibWarning: as `read_tool_poses`.
@@ -157,14 +178,17 @@ def read_hand_poses(source: str | Path | CsvTable) -> HandPoses:
     table = _table(source)
     pose, notes = _poses(table, "a_")
     image = table.labels("image", "a column with the name of the picture taken at each pose")
-    first: dict[str, int] = {}
-    for row, name in enumerate(image.tolist()):
-        if name in first:
-            problem = f"{name!r} as in line {table.lines[first[name]]}"
+    eye = table.labels("eye") if "eye" in table.columns else None
+    first: dict[tuple[str, str], int] = {}
+    eyes = [""] * len(image) if eye is None else eye.tolist()
+    for row, key in enumerate(zip(image.tolist(), eyes, strict=True)):
+        if key in first:
+            problem = f"{key[0]!r} as in line {table.lines[first[key]]}"
             raise table.refuse(row, "image", problem, "each picture only once")
-        first[name] = row
-    _check_different(table, *pose)
-    return HandPoses(**_read(table, notes), pose=pose, image=image)
+        first[key] = row
+    of_eye = np.unique(eyes, return_inverse=True)[1].astype(float)
+    _check_different(table, *pose, of_eye)
+    return HandPoses(**_read(table, notes), pose=pose, image=image, eye=eye)
 
 
 def read_points(source: str | Path | CsvTable) -> PointSet:

@@ -172,11 +172,19 @@ def refuse_unseen(inliers: BoolArray, sight: Sight) -> None:
                 )
 
 
-def refuse_exchanged(start: Consensus, A: Poses, B: Poses, sight: Sight, seed: int | None) -> None:
+def refuse_exchanged(
+    start: Consensus,
+    A: Poses,
+    B: Poses,
+    sight: Sight,
+    seed: int | None,
+    numbers: IntArray | None = None,
+) -> None:
     """Refuse rows that agree once two labels are exchanged from a row on, and name them.
 
     One half of the rows is before the exchange, or after it: its poses tell of every row of two
-    eyes, or of two targets, whether its own label or the other's fits better.
+    eyes, or of two targets, whether its own label or the other's fits better. ``numbers``
+    (n,) of the rows in their file are their order by default.
     """
     count, together = len(A[1]), sight.together
     lost = 1.0 - float(start.inliers.mean())
@@ -211,6 +219,7 @@ def refuse_exchanged(start: Consensus, A: Poses, B: Poses, sight: Sight, seed: i
     moved = _swapped(together, role, a, b)
     if agree and better and min(int(moved[:row].sum()), int(moved[row:].sum())) >= few:
         names = sight.eyes if role == "eye" else sight.targets
+        row = row if numbers is None else int(numbers[row])
         raise SamplesError(
             f"rows that agree only if {role}s {names[a]} and {names[b]} are exchanged from row "
             f"{row} on (rows from 0): {int(start.inliers.sum())} of {count} rows agree within "

@@ -9,7 +9,7 @@ from typing import Any, Final, get_args
 import numpy as np
 from numpy.typing import ArrayLike
 
-from suta_calib.arrays import FloatArray
+from suta_calib.arrays import FloatArray, IntArray
 from suta_calib.errors import ParameterError, SamplesError
 from suta_calib.geometry.numbers import (
     extent,
@@ -156,10 +156,7 @@ def fit_loops(
     """
     _refuse_constant(hand, seen, sight)
     A, B = as_eye_in_hand(hand, setup), seen
-    # How large all this is: lengths are solved in units of it, so that none counts.
-    length = extent(A[1]) + rms_length(B[1]) or 1.0
-    centre = A[1].mean(axis=0)
-    scaled, target = (A[0], (A[1] - centre) / length), (B[0], B[1] / length)
+    length, centre, scaled, target = _in_units(A, B)
     few = len(A[1]) < FEW_PAIRS
     chosen = seed if robust and not few else None
     start = first_consensus(scaled, target, sight.together, chosen)
@@ -210,6 +207,30 @@ def fit_loops(
         weighed=tuple(weighed),
         failed=tuple(failed),
     )
+
+
+def _in_units(A: Poses, B: Poses) -> tuple[float, FloatArray, Poses, Poses]:
+    """How large all this is, m, the middle of the hand, and both in units and from there.
+
+    Lengths are solved in units of the extent, so that none counts.
+    """
+    length = extent(A[1]) + rms_length(B[1]) or 1.0
+    centre = A[1].mean(axis=0)
+    return length, centre, (A[0], (A[1] - centre) / length), (B[0], B[1] / length)
+
+
+def refuse_exchanged_labels(
+    hand: Poses,
+    seen: Poses,
+    sight: Sight,
+    setup: EyeSetup,
+    seed: int | None,
+    numbers: IntArray,
+) -> None:
+    """`refuse_exchanged` of pairs of poses (n,) in order, whose rows have these numbers (n,)."""
+    _, _, scaled, target = _in_units(as_eye_in_hand(hand, setup), seen)
+    start = first_consensus(scaled, target, sight.together, seed)
+    refuse_exchanged(start, scaled, target, sight, seed, numbers)
 
 
 def _refuse_constant(hand: Poses, seen: Poses, sight: Sight) -> None:

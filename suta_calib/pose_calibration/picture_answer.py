@@ -51,6 +51,7 @@ class CameraEstimate(EyePoses):
 
     Attributes:
         label: its name.
+        target: label of the board that it saw.
         setup, X, Z, covariance: as in `EyePoses`; the target is the board.
         camera: intrinsics as they were found, with their covariance; without it where they were
             held.
@@ -81,6 +82,7 @@ class CameraEstimate(EyePoses):
     """
 
     label: str
+    target: str
     setup: EyeSetup
     X: FloatArray
     Z: FloatArray
@@ -215,7 +217,12 @@ class PictureCalibration:
         )
 
     def _which(self, word: str, camera: CameraEstimate) -> str:
-        return f"{word} {camera.label}: " if len(self.cameras) > 1 else ""
+        return f"{word} {self.name_of(camera)}: " if len(self.cameras) > 1 else ""
+
+    def name_of(self, camera: CameraEstimate) -> str:
+        """Its label, and that of the board where it saw several."""
+        same = sum(other.label == camera.label for other in self.cameras)
+        return camera.label if same == 1 else f"{camera.label}/{camera.target}"
 
 
 def _against_the_file(camera: CameraEstimate) -> tuple[str, Level]:

@@ -6,7 +6,7 @@ where to start; what is minimised then are reprojection errors, of all cameras a
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -31,7 +31,7 @@ from suta_calib.pose_calibration.correlation import DIRECTIONS, NOWHERE, embedde
 from suta_calib.pose_calibration.eye_poses import Model
 from suta_calib.pose_calibration.hand_eye import calibrate_hand_eye
 from suta_calib.pose_calibration.inputs import error_context
-from suta_calib.pose_calibration.loop_fit import ADVICE
+from suta_calib.pose_calibration.loop_fit import ADVICE, refuse_exchanged_labels
 from suta_calib.pose_calibration.loop_start import FEW_PAIRS
 from suta_calib.pose_calibration.picture_answer import (
     CameraEstimate,
@@ -46,6 +46,7 @@ from suta_calib.pose_calibration.picture_noise import (
     weigh_pictures,
 )
 from suta_calib.pose_calibration.picture_rows import FINEST, PictureErrors, picture_errors
+from suta_calib.pose_calibration.sight import Sight
 from suta_calib.pose_calibration.undetermined import refuse_undetermined
 from suta_calib.solver.losses import huber_threshold
 from suta_calib.solver.problem import Problem
@@ -59,6 +60,7 @@ from suta_calib.terms.hand_eye_start import (
     EyeSetup,
     as_eye_in_hand,
     loop_closures,
+    some_poses,
 )
 from suta_calib.terms.misread_pictures import other_size
 
@@ -113,6 +115,9 @@ def hand_eye_from_pictures(
     """
     terms = [_term(hand, view, setup, intrinsics) for view in views]
     terms = [term.beside(terms).at_its_distance() for term in terms]
+    if len(terms) > 1:
+        with error_context(hand.path):
+            _refuse_exchanged(terms, views, seed if robust else None)
     believed = []
     for view, term in zip(views, terms, strict=True):
         with error_context(view.corners.path):
@@ -141,6 +146,27 @@ def hand_eye_from_pictures(
         errors=weighed.chosen.errors,
         notes=hand.unit_notes,
     )
+
+
+def _refuse_exchanged(terms: Sequence[CameraView], views: Sequence[View], seed: int | None) -> None:
+    """Refuse labels of cameras or boards that are exchanged from some row on."""
+    posed = [usable_poses(term) for term in terms]
+    rows = [
+        np.array([int(o) for o in term.poses.samples.origin], dtype=np.intp)[there]
+        for term, (there, *_) in zip(terms, posed, strict=True)
+    ]
+    numbers = np.concatenate(rows)
+    order = np.argsort(numbers, kind="stable")
+
+    def joined(parts: Iterable[FloatArray]) -> FloatArray:
+        return np.concatenate([*parts])[order]
+
+    hand, board = ((joined(p[k][0] for p in posed), joined(p[k][1] for p in posed)) for k in (1, 2))
+    of_view = np.repeat(np.arange(len(views)), [len(r) for r in rows])[order]
+    eye = np.array([view.label for view in views])[of_view]
+    target = np.array([view.target for view in views])[of_view]
+    sight = Sight.of(len(order), eye, target)
+    refuse_exchanged_labels(hand, board, sight, terms[0].setup, seed, numbers[order])
 
 
 def _hands(solution: Solution) -> Hands:
@@ -188,13 +214,16 @@ def _term(hand: HandPoses, view: View, setup: EyeSetup, intrinsics: Intrinsics) 
     if view.camera is None and intrinsics == "fixed":
         expected = "a camera's file for fixed intrinsics"
         raise SamplesError("no camera", expected, where="--intrinsics")
-    n = len(hand.image)
+    rows = hand.of_eye(view.label)
     samples = Samples.from_arrays(
-        [], np.zeros((n, 0)), labels={"image": hand.image}, origin=[str(row) for row in range(n)]
+        [],
+        np.zeros((len(rows), 0)),
+        labels={"image": hand.image[rows]},
+        origin=[str(row) for row in rows],
     )
     return CameraView.of_corners(
         # What noise of the hand makes up is judged by pairs, before (`_agreeing`).
-        MeasuredPoses(*hand.pose, samples, judged=False),
+        MeasuredPoses(*some_poses(hand.pose, rows), samples, judged=False),
         view.corners,
         view.board,
         view.camera,
@@ -327,6 +356,7 @@ def _camera_estimate(
     upside_down = refined.pictures.upside_down(A)
     return CameraEstimate(
         label=view.label,
+        target=view.target,
         setup=term.setup,
         X=homogeneous(*X),
         Z=homogeneous(*Z),

@@ -66,21 +66,26 @@ CORNERS: Final = Listing[tuple[CameraEstimate, FloatArray]](
 )
 
 
-def picture_document(calibration: PictureCalibration, data: HandPoses) -> Document:
+def picture_document(
+    calibration: PictureCalibration, data: HandPoses, *, named: bool = False
+) -> Document:
     """X of every camera, Z where the model asks for it, and intrinsics, with standard deviations.
 
     Files: ``residuals.csv``, and ``camera.yaml`` of every camera whose intrinsics were found.
+    ``named`` cameras and boards have X and Z by name.
     """
     several = len(calibration.cameras) > 1
-    parts: list[Part] = []
+    parts, files = list[Part](), set[str]()
     for camera in calibration.cameras:
         if several:
-            parts.append(Text(f"Camera {camera.label}", look="heading"))
+            parts.append(Text(f"Camera {calibration.name_of(camera)}", look="heading"))
         parts += frame_tables(calibration, camera)
         if camera.camera.covariance is not None:
             parts.append(INTRINSIC.of(_intrinsics(camera)))
             name = f"camera-{camera.label}.yaml" if several else "camera.yaml"
-            parts.append(File(name, partial(camera_text, camera.camera)))
+            if name not in files:
+                parts.append(File(name, partial(camera_text, camera.camera)))
+            files.add(name)
         parts += _fit(camera)
     corners = [(camera, row) for camera in calibration.cameras for row in camera.corners]
     parts += [
@@ -99,11 +104,12 @@ def picture_document(calibration: PictureCalibration, data: HandPoses) -> Docume
     record: Json = {
         "setup": calibration.setup,
         "model": calibration.model,
-        **_record(calibration, first),
+        **(_named(calibration) if named else _record(calibration, first)),
     }
-    if several:
+    if several or named:
         record["cameras"] = {
-            camera.label: _record(calibration, camera) for camera in calibration.cameras
+            calibration.name_of(camera): _record(calibration, camera)
+            for camera in calibration.cameras
         }
     record["hand_noise"] = {
         "position_mm": mm(calibration.noise.position.value),
@@ -242,6 +248,23 @@ def _record(calibration: PictureCalibration, camera: CameraEstimate) -> Json:
         else {"X": camera.if_held.X, "std": pose_std_record(camera.if_held.std)},
         "outlier_images": camera.strange,
         "covariance": covariance_record(camera.covariance[:size, :size], order, "m, rad"),
+    }
+
+
+def _named(calibration: PictureCalibration) -> Json:
+    """X of every camera and Z of every board by name, with their standard deviations."""
+    record: Json = {"X": {}, "Z": {}, "std": {"X": {}, "Z": {}}}
+    for camera in reversed(calibration.cameras):
+        for side, name in (("X", camera.label), ("Z", camera.target)):
+            record[side][name] = getattr(camera, side)
+            record["std"][side][name] = pose_std_record(camera.std["X" if side == "X" else "Z"])
+    fitted = [c.inliers & np.isfinite(c.slides[:, 0]) for c in calibration.cameras]
+    pairs = [*zip(calibration.cameras, fitted, strict=True)]
+    slides = np.concatenate([camera.slides[good] for camera, good in pairs])
+    turns = np.concatenate([camera.turns[good] for camera, good in pairs])
+    return record | {
+        "rms_mm": plain(rms_length(slides), "m"),
+        "rms_deg": plain(rms_length(turns), "rad"),
     }
 
 
