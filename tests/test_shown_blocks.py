@@ -32,6 +32,7 @@ NOT_RUN = {
     "suta-calib calibrate calibration.yaml": "what measure wrote; tests/acquisition",
     "suta-calib detect": "needs OpenCV; tests/cli/test_detect.py",
     "suta-calib hand-eye data/workcell": "what detect wrote; tests of hand-eye --corners",
+    "suta-calib hand-eye poses.csv": "files by name; tests/cli/test_hand_eye_pictures_by_name.py",
     "suta-calib view": "needs viser; tests/view",
     "suta-calib init ur.urdf.xacro": "tests/model/test_xacro.py",
     "suta-calib init my_arm.urdf --tip tool0 --kind height": "tests/test_own_kind.py",

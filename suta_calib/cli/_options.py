@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator
 from contextlib import suppress
 from itertools import islice
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final, TypeVar
+from typing import TYPE_CHECKING, Any, Final, NamedTuple, TypeVar
 
 import click
 import numpy as np
@@ -65,6 +65,23 @@ class NewFile(click.Path):
         return file
 
 
+class NamedFile(NamedTuple):
+    """A file, and the name that it was given: empty without one."""
+
+    name: str
+    path: Path
+
+
+def _named_file(value: str) -> NamedFile:
+    """``FILE``, or ``NAME=FILE``; a file whose own name has the sign is one without a name."""
+    name, sign, path = value.partition("=")
+    if not sign or not name or Path(value).exists():
+        return NamedFile("", Path(value))
+    return NamedFile(name, Path(path))
+
+
+NAMED: Final = click.types.FuncParamType(_named_file)
+NAMED.name = "[NAME=]FILE"
 # A file or folder that is read, and a file that is written.
 PATH: Final = click.Path(path_type=Path)
 WRITTEN: Final = NewFile()

@@ -19,7 +19,7 @@ from rich.live import Live
 from rich.progress import Progress
 
 from suta_calib.atomic import note_input
-from suta_calib.cli._options import PATH, json_option, verbose_option
+from suta_calib.cli._options import NAMED, PATH, NamedFile, json_option, verbose_option
 from suta_calib.cli._process import discard_stdout
 from suta_calib.errors import OutputError
 from suta_calib.report.console import rendered
@@ -113,9 +113,11 @@ def _print_files(files: Mapping[str, str], out: Path | None, *, opens: bool) -> 
 def _inputs(context: click.Context) -> dict[str, str]:
     """SHA-256 of the files that the command line names, in its order."""
     hashes = {}
-    for option in (o for o in context.command.params if o.type is PATH):
+    for option in (o for o in context.command.params if o.type in (PATH, NAMED)):
         given = context.params[str(option.name)]
-        for path in given if isinstance(given, tuple) else (given,):
+        several = given if option.multiple or option.nargs != 1 else (given,)
+        for one in several:
+            path = one.path if isinstance(one, NamedFile) else one
             if path is not None and path.is_file():
                 note_input(path)
                 hashes[str(path)] = sha256(path.read_bytes()).hexdigest()

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from pathlib import Path
-from typing import Final, NamedTuple
 
 import click
 
+from suta_calib.cli._options import NamedFile
 from suta_calib.errors import did_you_mean
 from suta_calib.geometry.lens import Lens
 from suta_calib.measurements import (
@@ -21,25 +20,6 @@ from suta_calib.measurements import (
 )
 from suta_calib.pose_calibration.pictures import View
 from suta_calib.pose_calibration.sight import ONLY
-
-
-class NamedFile(NamedTuple):
-    """A file, and the name that it was given: empty without one."""
-
-    name: str
-    path: Path
-
-
-def _named_file(value: str) -> NamedFile:
-    """``FILE``, or ``NAME=FILE``; a file whose own name has the sign is one without a name."""
-    name, sign, path = value.partition("=")
-    if not sign or not name or Path(value).exists():
-        return NamedFile("", Path(value))
-    return NamedFile(name, Path(path))
-
-
-NAMED: Final = click.types.FuncParamType(_named_file)
-NAMED.name = "[NAME=]FILE"
 
 
 def views_of(
@@ -116,13 +96,12 @@ def _meant(name: str, names: Sequence[str]) -> str:
     return f" ({hint})" if hint else ""
 
 
-def _in_order(
-    corners: Sequence[NamedFile],
-    board: Sequence[NamedFile],
-    camera: Sequence[NamedFile],
-    lens: Lens | None,
-) -> list[View]:
-    """By the order of the options; cameras and boards are called as their files, or numbered."""
+def check_counts(
+    corners: Sequence[NamedFile], board: Sequence[NamedFile], camera: Sequence[NamedFile]
+) -> None:
+    """Refuse numbers of files without names that do not go together."""
+    if any(file.name for file in (*corners, *board, *camera)):
+        return
     if len(board) not in (1, len(corners)):
         raise click.UsageError(
             f"{len(board)} --board for {len(corners)} --corners: give one for all, or one for each"
@@ -131,6 +110,15 @@ def _in_order(
         raise click.UsageError(
             f"{len(camera)} --camera for {len(corners)} --corners: give none, or one for each"
         )
+
+
+def _in_order(
+    corners: Sequence[NamedFile],
+    board: Sequence[NamedFile],
+    camera: Sequence[NamedFile],
+    lens: Lens | None,
+) -> list[View]:
+    """By the order of the options; cameras and boards are called as their files, or numbered."""
     times = len(corners) if len(board) == 1 else 1
     boards = [read_board(file.path) for file in board] * times
     of_board = [str(file.path.resolve()) for file in board] * times

@@ -8,9 +8,17 @@ from typing import TYPE_CHECKING
 import click
 
 from suta_calib.cli._formats import read_poses
-from suta_calib.cli._options import PATH, certify_option, option, pose_options, scale_option
+from suta_calib.cli._options import (
+    NAMED,
+    PATH,
+    NamedFile,
+    certify_option,
+    option,
+    pose_options,
+    scale_option,
+)
 from suta_calib.cli._output import LateProgress, answer_command
-from suta_calib.cli._views import NAMED, NamedFile, views_of
+from suta_calib.cli._views import check_counts, views_of
 from suta_calib.geometry.lens import LENSES
 from suta_calib.measurements.pose_files import read_hand_poses, read_pose_pairs
 from suta_calib.pose_calibration import hand_eye_from_pairs, many_eyes_from_pairs
@@ -159,6 +167,7 @@ def _check(
         return
     if not board:
         raise click.UsageError("--corners needs --board, the file of the board in the pictures")
+    check_counts(corners, board, camera)
     if lens and camera:
         raise click.UsageError("--camera names its lens: give either --camera or --lens, not both")
     if intrinsics == "fixed" and not camera:

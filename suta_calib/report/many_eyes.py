@@ -67,15 +67,15 @@ class SeenPair:
         eye, target: their names.
         rows: how many there are.
         inliers: how many of them were fitted.
-        rms, rms_angle: of these, m and rad.
+        rms, rms_angle: of these, m and rad; None of none.
     """
 
     eye: str
     target: str
     rows: int
     inliers: int
-    rms: float
-    rms_angle: float
+    rms: float | None
+    rms_angle: float | None
 
 
 PAIRS: Final = Listing[SeenPair](
@@ -206,6 +206,6 @@ def _pairs(calibration: ManyEyesCalibration) -> Iterator[SeenPair]:
             sight.targets[target],
             len(rows),
             len(fitted),
-            rms_length(calibration.residuals[fitted]),
-            rms_length(calibration.rotation_residuals[fitted]),
+            rms_length(calibration.residuals[fitted]) if len(fitted) else None,
+            rms_length(calibration.rotation_residuals[fitted]) if len(fitted) else None,
         )
