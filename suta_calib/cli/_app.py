@@ -38,6 +38,7 @@ COMMANDS: Final = {
     "simulate": "Simulate measurements of an arm with known errors.",
     "pivot": "Find the tip of a tracked tool that pivots about a point.",
     "detect": "Find the corners of a board in pictures, and the camera.",
+    "balls": "Find balls in clouds of points from a depth camera.",
     "hand-eye": "Find the pose of a camera: AX=XB or AX=ZB.",
     "register": "Find the rigid transform between corresponding points.",
     "stereotactic": "Navigate with two trackers, distortion and CT (JHU files).",

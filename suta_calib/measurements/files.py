@@ -20,6 +20,24 @@ from suta_calib.errors import InputError, SamplesError
 from suta_calib.inputs import read_input
 
 
+def read_bytes(path: Path, error: type[InputError] = InputError) -> bytes:
+    """Every byte of a file.
+
+    Raises:
+        InputError: (as ``error``) missing, a folder, or unreadable.
+    """
+    if path.is_dir():
+        raise error("a folder", "a file", file=path)
+    try:
+        note_input(path)
+        return read_input(path)
+    except FileNotFoundError:
+        raise error("no such file", "a file that exists", file=path) from None
+    except (OSError, ValueError) as problem:
+        reason = getattr(problem, "strerror", None) or str(problem)
+        raise error(f"an unreadable file ({reason})", "a readable file", file=path) from None
+
+
 def read_text(path: str | Path, error: type[InputError] = InputError) -> str:
     """Whole text of a UTF-8 file, without its byte order mark.
 
@@ -28,16 +46,7 @@ def read_text(path: str | Path, error: type[InputError] = InputError) -> str:
             line), as text with bytes that are zero is not.
     """
     path = Path(path)
-    if path.is_dir():
-        raise error("a folder", "a file", file=path)
-    try:
-        note_input(path)
-        data = read_input(path)
-    except FileNotFoundError:
-        raise error("no such file", "a file that exists", file=path) from None
-    except (OSError, ValueError) as problem:
-        reason = getattr(problem, "strerror", None) or str(problem)
-        raise error(f"an unreadable file ({reason})", "a readable file", file=path) from None
+    data = read_bytes(path, error)
     try:
         text = data.decode("utf-8-sig")
     except UnicodeDecodeError as problem:

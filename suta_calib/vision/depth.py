@@ -21,8 +21,8 @@ from suta_calib.arrays import BoolArray, FloatArray
 from suta_calib.display import Displayable
 from suta_calib.errors import InputError
 from suta_calib.geometry.numbers import register_points, rms_length
-from suta_calib.inputs import read_input
 from suta_calib.measurements import Board, Camera
+from suta_calib.measurements.files import read_bytes
 from suta_calib.measurements.seen_points import SeenPoints, seen_size, unit_hint
 from suta_calib.units import mm
 from suta_calib.vision.detection import Detection
@@ -123,10 +123,7 @@ def read_depth(path: Path, step: float | None = None) -> FloatArray:
     Raises:
         InputError: not readable, no such picture, or one that is made to be looked at.
     """
-    try:
-        data = read_input(path, 2**30)
-    except OSError as problem:
-        raise InputError(f"an unreadable file ({problem.strerror})", file=path) from None
+    data = read_bytes(path)
     try:
         raw: Any = (
             np.load(io.BytesIO(data), allow_pickle=False)

@@ -9,6 +9,7 @@ from hashlib import sha256
 from pathlib import Path
 
 import numpy as np
+from ball_clouds import CENTRE, RADIUS, cloud, write_pcd
 from certified_artefact import write_points
 from cli_job import write_simulated_job
 from pose_answers import XYZ
@@ -98,6 +99,7 @@ GIVEN = {
     "detect": Given(
         ("view.jpg", "--board", "board.yaml"), ("board.yaml",), "--out", out_is_file=True
     ),
+    "balls": Given(("cloud.pcd", "--ball", "A=30"), ("cloud.pcd",), "--out", out_is_file=True),
     "register": Given(("a.csv", "b.csv"), ("a.csv", "b.csv"), "--out"),
     "stereotactic": Given(
         ("cis",), tuple(f"cis-{k}.txt" for k in ("calbody", "calreadings", "empivot")), "--out"
@@ -179,6 +181,8 @@ def write_scene(folder: Path, urdf: Path) -> Path:
     for name in ("recorded.csv", "reference.csv"):
         write_csv(folder / name, ("time", *XYZ), np.hstack([time, path]))
     write_points(folder / "points.csv")
+    # Rows about the ball alone, so that few are read again and again.
+    write_pcd(folder / "cloud.pcd", cloud((CENTRE, RADIUS))[30:80, 70:130].reshape(-1, 3))
     (folder / CHAINS).parent.mkdir()
     write_torso_job(folder / "chains", fitted=30, held_out=5)
     for name, file in (("view.jpg", "pictures/00.jpg"), ("board.yaml", "board.yaml")):

@@ -1,0 +1,77 @@
+"""``suta-calib balls``: from clouds of points to the centres of balls."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from suta_calib.atomic import check_outputs
+from suta_calib.cli._options import PATH, WRITTEN, Folder, option
+from suta_calib.cli._output import LateProgress, answer_command
+from suta_calib.errors import InputError, OutputError
+from suta_calib.measurements.csv_table import number_in
+from suta_calib.measurements.seen_points import write_seen_points
+from suta_calib.report.balls import balls_document
+from suta_calib.report.document import Document
+from suta_calib.units import from_mm
+from suta_calib.vision.balls import find_balls, find_clouds
+
+
+def _radii(given: tuple[str, ...]) -> dict[str, float]:
+    """Radii by name, m, of words NAME=MM."""
+    radii = dict[str, float]()
+    # Balls that a depth camera can see, mm: from a bead to a football.
+    smallest, largest = 1.0, 500.0
+    for word in given:
+        name, _, number = word.partition("=")
+        radius = number_in(number)
+        if not name or not smallest <= radius <= largest:
+            expected = f"NAME=RADIUS, in mm from {smallest:g} to {largest:g}, such as A=20"
+            raise InputError(repr(word), expected, where="--ball")
+        if name in radii:
+            raise InputError(f"ball {name} twice", "each name once", where="--ball")
+        radii[name] = from_mm(radius)
+    return radii
+
+
+@answer_command
+@click.argument("clouds", type=PATH, metavar="CLOUDS…", nargs=-1, required=True)
+@option(
+    "--ball NAME=RADIUS",
+    "Name of a ball, and its radius in mm; several balls have different radii.",
+    multiple=True,
+    required=True,
+    name="given",
+)
+@option("--out POINTS.csv", "File for the centres that are found.", WRITTEN, name="file")
+@option(
+    "--unit UNIT",
+    "Unit of the clouds: m or mm; default: m.",
+    click.Choice(["m", "mm"]),
+)
+@option("--report DIR", "Write balls.json and report.html there.", Folder(), name="out")
+def balls(
+    clouds: tuple[Path, ...], given: tuple[str, ...], file: Path | None, unit: str | None
+) -> Document:
+    """Find balls in clouds of points, each centre with its ±.
+
+    CLOUDS are files (PLY, PCD, NPY) or folders of them, in the frame of the camera that saw them.
+    Jobs of points read the file of the centres. A ball is white and matt, and at least half of it
+    is seen. The exit code is 2 if no ball is in any cloud.
+    """
+    radii = _radii(given)
+    if file is not None and (not file.parent.is_dir() or file.is_dir()):
+        what = "a folder" if file.is_dir() else f"no folder {file.parent}"
+        raise OutputError(f"{file}: found {what}; expected a file in an existing folder")
+    found_files = find_clouds(clouds)
+    check_outputs([file] if file else [], [*found_files.values()])
+    step = None if unit is None else {"m": 1.0, "mm": 1e-3}[unit]
+    with LateProgress("searching") as progress:
+        search = find_balls(found_files, radii, step, progress)
+    answer = balls_document(search)
+    written: dict[str, str] = {}
+    if file is not None:
+        write_seen_points(file, search.points)
+        written["points_file"] = str(file)
+    return answer.with_data(**written, input=[str(path) for path in clouds])
