@@ -69,9 +69,8 @@ def _proof(answer: RobustAnswer) -> Optimality:
     if isinstance(term, TrackedPoint):
         return _of_points(solution, term, length)
     assert isinstance(term, HandEye)
-    together = term.seen_together
-    rows = loop_rows(solution, term, together.eye, together.eyes + together.target)
-    return _of_poses(solution, rows, length, len(term.poses) * len(term.blocks), "X and Z")
+    vectors = len(term.poses) * len(term.blocks)
+    return _of_poses(solution, loop_rows(solution, term), length, vectors, "X and Z")
 
 
 def _of_poses(
@@ -143,9 +142,7 @@ def _of_points(solution: Solution, term: TrackedPoint, length: float) -> Optimal
 
 
 # ── hand-eye ─────────────────────────────────────────────────────────────────────────────────
-def loop_rows(
-    solution: Solution, term: HandEye, eye: IntArray, target: IntArray
-) -> Iterator[FloatArray]:
+def loop_rows(solution: Solution, term: HandEye) -> Iterator[FloatArray]:
     """Weighted rows (12n, 12k + 1) of ``A X B - Z``, linear in positions, rotations and one.
 
     Of every pair three displacements, less what the turns in its residual move the target by, then
@@ -155,9 +152,9 @@ def loop_rows(
     Args:
         solution: of the term alone; poses of all eyes, then of all targets.
         term: over the pairs.
-        eye: (n,) number of the pose of the eye in each pair.
-        target: (n,) the same of the target.
     """
+    together = term.seen_together
+    eye, target = together.eye, together.eyes + together.target
     poses = solution.x.reshape(-1, 6)
     R, p = rotation_from_vector(poses[:, 3:]), poses[:, :3]
     A, samples = term.poses.at(solution.values), term.poses.samples

@@ -52,8 +52,7 @@ def test_the_proven_minimum_is_the_best_of_a_hundred_starts() -> None:
     solution = answer.solution
     (term,) = solution.problem.terms
     assert isinstance(term, HandEye)
-    none = np.zeros(len(term.poses), dtype=np.intp)
-    squares = PoseSquares.of(loop_rows(solution, term, none, none + 1), 2)
+    squares = PoseSquares.of(loop_rows(solution, term), 2)
     jacobian = squares.turning
     starts = random_rotations(np.random.default_rng(0), 200).reshape(100, 2, 3, 3)
     costs = [np.sum((jacobian @ stacked_turns(descended(jacobian, s))) ** 2) for s in starts]
@@ -70,8 +69,7 @@ def test_the_sum_of_squares_is_that_of_the_residuals() -> None:
     solution = answer.solution
     (term,) = solution.problem.terms
     assert isinstance(term, HandEye)
-    none = np.zeros(len(term.poses), dtype=np.intp)
-    squares = PoseSquares.of(loop_rows(solution, term, none, none + 1), 2)
+    squares = PoseSquares.of(loop_rows(solution, term), 2)
     poses = solution.x.reshape(-1, 6)
     cost = squares.cost(rotation_from_vector(poses[:, 3:]), poses[:, :3])
     assert cost == pytest.approx(2.0 * solution.minimum.cost, rel=1e-5)
