@@ -366,6 +366,9 @@ class DepthPoints(FramedTerm):
         """(n, 3) where on the board the point of each row is, m."""
         assert self.board is not None
         names, which = self._points
+        if not self.marked and not self._measured.any():
+            # Nobody has looked yet: its middle stands for all of it.
+            return np.tile(np.mean([*self.board.points.values()], axis=0), (len(which), 1))
         places = []
         for name in names:
             known = name.isdecimal() and int(name) in self.board.points
