@@ -24,6 +24,7 @@ from suta_calib.measurements.seen_points import SeenPoints, read_seen_points, se
 from suta_calib.model.parameters import PLACEMENT, POSITION, End, Parameter
 from suta_calib.terms.block import LEARNT, Block, Noise, Pose, Residual, flat, grouped, pose_of
 from suta_calib.terms.board_pictures import QUOTED, half_turned
+from suta_calib.terms.camera_view import CameraView
 from suta_calib.terms.checks import check_unit
 from suta_calib.terms.external_frame import (
     ExternalFrame,
@@ -326,6 +327,30 @@ class DepthPoints(FramedTerm):
     @property
     def _point_owners(self) -> list[str]:
         return [f"{self.mark}[{name}]" if name else self.mark for name in self._points[0]]
+
+    @property
+    def subject(self) -> str:
+        """Camera and board are those of pictures with the same labels."""
+        return CameraView.kind
+
+    def check_beside(self, other: Term) -> None:
+        """One camera is in one place, and one board is one board."""
+        if not isinstance(other, CameraView | DepthPoints):
+            return
+        (eye, board), (its_eye, its_board) = self.frame_names, other.frame_names
+        both = self.board is not None and other.board is not None
+        if eye == its_eye and self.setup != other.setup:
+            found, whose = f"setup: {self.setup} beside {other.setup}", "label"
+        elif both and board == its_board and self._row(self) != self._row(other):
+            found, whose = "another board than in an earlier row with the same target", "target"
+        else:
+            return
+        hint = f"write the same in both rows, or give the second one another {whose}"
+        raise self.refuse(found, "one camera and one board per label", hint)
+
+    @staticmethod
+    def _row(term: CameraView | DepthPoints) -> Mapping[str, Any]:
+        return {} if term.board is None else term.board.row()
 
     @property
     def outside(self) -> tuple[ExternalFrame, ...]:

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from simulated import arm_named, dh_parameters, perturbed, points_scene
+from simulated import arm_named, camera_scene, dh_parameters, perturbed, points_scene
 
 from suta_calib.errors import InputError, SamplesError, SutaCalibWarning
 from suta_calib.geometry.numbers import rotation_from_vector
@@ -243,6 +243,25 @@ def test_a_board_that_looks_the_same_is_numbered_from_one_end() -> None:
     with pytest.warns(SutaCalibWarning, match=r"In 1\.png, 5\.png, 9\.png its corners"):
         again = s.term(samples)
     assert again.poses.samples.labels["point"].tolist() == s.samples()[0].labels["point"].tolist()
+
+
+def test_pictures_and_depth_share_camera_and_board() -> None:
+    """One row in pixels and one in 3-D: one pose of the camera, and one of the board."""
+    s, arm = scene(board=True, n=8), arm_named("suta")
+    pictures = camera_scene(arm, s.truth, 8)
+    known, terms = arm.at(s.truth), (s.exact(), pictures.exact())
+    both = [t.over_poses(ArmPoses(known, t.poses.samples)) for t in terms]
+    problem = Problem(both, known.select())
+    assert [p.name for p in both[0].own_parameters] == [p.name for p in both[1].own_parameters]
+    solution = solve(problem)
+    for line in problem.linearise(solution.x, problem.assumed_sigmas()):
+        np.testing.assert_allclose(line.residual, 0.0, atol=1e-8)
+    both[0].check_beside(both[1])
+    with pytest.raises(SamplesError, match="setup: eye-to-hand beside eye-in-hand"):
+        replace(both[0], setup="eye-to-hand").check_beside(both[1])
+    other = replace(both[1], board=Chessboard(4, 3, 0.05))
+    with pytest.raises(SamplesError, match="another board"):
+        both[0].check_beside(other)
 
 
 def test_points_that_the_board_lacks_are_refused() -> None:
