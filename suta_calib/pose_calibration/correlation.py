@@ -38,6 +38,8 @@ ENOUGH: Final = 200
 DEPENDENT: Final = 1e-5
 # Extent, m, of poses that are all at one place.
 NOWHERE: Final = 1e-9
+# Rests from which on they tell how displacements and turns of a hand go together.
+TELLING: Final = 30
 # Directions and turns of a pose.
 DIRECTIONS: Final = 3
 WAYS: Final = 2 * DIRECTIONS
@@ -76,7 +78,7 @@ def common_covariance(
     if not len(bread):
         return np.zeros_like(bread)
     expected, white = np.zeros_like(bread), np.zeros_like(bread)
-    apart = np.zeros((0, len(bread)))
+    pulls = list[FloatArray]()
     ends = np.cumsum(sizes)
     for k, (size, end) in enumerate(zip(sizes, ends.tolist(), strict=True)):
         part, turn = slice(end - size, end), frames[k] if frames else None
@@ -85,11 +87,15 @@ def common_covariance(
         if mine is not None:
             expected += mine[0]
             white += mine[1]
-            if len(mine[2]):
-                apart = mine[2] if not len(apart) else apart + mine[2]
-    if len(apart):
-        expected += apart.T @ apart
-    return bread @ (expected if whole else _positive(expected - white, white)) @ bread
+            pulls.append(mine[2])
+    if not whole:
+        return bread @ _positive(expected - white, white) @ bread
+    # What one eye sees is displaced and turned at once, and so is the hand that they share.
+    shared, apart = sum(pulls, np.zeros_like(pulls[0]))
+    expected += apart.T @ apart
+    if len(shared) >= TELLING:
+        expected += shared.T @ shared - sum(p[0].T @ p[0] for p in pulls)
+    return bread @ _positive(expected, white) @ bread
 
 
 def _variances(
@@ -104,7 +110,7 @@ def _variances(
 ) -> tuple[FloatArray, FloatArray, FloatArray] | None:
     """Variance (p, p) of one group's pull, and of independent rows'; None where nothing is left.
 
-    And pulls (rests, p) of what rows of one rest do not share, where they are of ``several`` eyes.
+    And pulls (2, rests, p) of what rows of one rest share, and of what they do not.
     """
     n, size, unknowns = jacobian.shape
     count = np.bincount(rests).astype(float)
@@ -177,13 +183,12 @@ def _variances(
         return None
     belief = np.exp(likelihood - likelihood.max())
     expected = np.tensordot(belief / belief.sum(), np.concatenate(variances), axes=1)
-    pulls_apart = np.zeros((0, unknowns))
-    if several:
-        # By the rests themselves: what one eye sees is displaced and turned at once.
-        scores = np.einsum("ndp,nd->np", apart * weight[:, None], residual)
-        left = size * (n - groups)
-        pulls_apart = np.sqrt(left / max(left - told_apart, 1)) * summed(scores, rests, groups)
-    return expected, white, pulls_apart
+    numbers = np.array([size * groups, size * (n - groups)])
+    spread = np.sqrt(numbers / np.maximum(numbers - [followed, told_apart], 1))
+    scores = np.einsum("ndp,nd->np", apart * weight[:, None], residual)
+    of_means = np.einsum("ndp,nd->np", views[0][2], mean)
+    pulls_of_rests = np.stack([of_means, summed(scores, rests, groups)])
+    return expected, white, spread[:, None, None] * pulls_of_rests
 
 
 def several_frames(frames: FloatArray, rests: IntArray) -> bool:

@@ -172,6 +172,21 @@ def refuse_unseen(inliers: BoolArray, sight: Sight) -> None:
                 )
 
 
+def refuse_apart(start: Consensus) -> None:
+    """Refuse eyes and targets of which each two agree by themselves, but not all together."""
+    agreeing, count = int(start.inliers.sum()), len(start.inliers)
+    # Part of the rows that a few eyes or targets that moved leave.
+    if agreeing >= max(0.3 * count, 3):
+        return
+    raise SamplesError(
+        f"eyes and targets of which each two agree by themselves, but together only {agreeing} of "
+        f"{count} rows",
+        "one place for every eye and every target in all rows",
+        hint="was an eye or a target moved while rows were measured, or has one label two "
+        "meanings? Calibrate parts of the rows to find out",
+    )
+
+
 def refuse_exchanged(
     start: Consensus,
     A: Poses,

@@ -20,6 +20,7 @@ from suta_calib.geometry.numbers import (
 )
 from suta_calib.pose_calibration.consensus import Consensus
 from suta_calib.pose_calibration.hand_eye_causes import (
+    refuse_apart,
     refuse_constant,
     refuse_exchanged,
     refuse_misread,
@@ -162,6 +163,7 @@ def fit_loops(
     start = first_consensus(scaled, target, sight.together, chosen)
     if not sight.one:
         refuse_exchanged(start, scaled, target, sight, chosen)
+        refuse_apart(start)
     _refuse_misread(scaled, target, sight, length, setup, chosen, rule)
     noise = RobotNoise(scaled, target, FINEST_TURN, sight.labels)
     # In units of the extent few positions are taken to scatter by this at least.

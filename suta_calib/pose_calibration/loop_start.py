@@ -26,6 +26,8 @@ from suta_calib.terms.hand_eye_start import (
 )
 from suta_calib.terms.many_eyes_start import SeenTogether, eyes_and_targets, loop_errors
 
+# Scatter, in units of the extent or rad, that is rounding.
+ROUNDING: Final = 1e-9
 # Pairs that determine X.
 NEEDED: Final = 3
 # Pairs below which positions can be fitted so well that they would seem exact: no pair can be
@@ -42,18 +44,23 @@ def first_consensus(A: Poses, B: Poses, together: SeenTogether, seed: int | None
     if together.eyes == together.targets == 1:
         return _of_one(A, B, seed)
     count = len(A[1])
-    believed = np.ones(count, dtype=np.bool_)
+    believed, alone = np.ones(count, dtype=np.bool_), list[FloatArray]()
     if seed is not None:
         for _, _, rows in together.edges:
             if len(rows) >= FEW_PAIRS:
                 of_edge = _of_one(some_poses(A, rows), some_poses(B, rows), seed)
                 believed[rows] = of_edge.inliers
+                alone.append(of_edge.sigmas)
     errors = loop_errors(A, B, *poses_by(A, B, together, believed), together)
     if seed is None:
         return Consensus.of_all(count, *(rms_length(e) / np.sqrt(3.0) for e in errors))
     norms = np.stack([np.linalg.norm(e, axis=1) for e in errors], axis=1)
     middle = np.median(norms[believed], axis=0)
     sigmas = np.maximum(middle / np.sqrt(chdtri(DIMENSION, 0.5)), 1e-300)
+    if alone:
+        # Where all together scatter so many times more than each two by themselves, an eye or a
+        # target was not where it was: no scatter of instruments or of a hand explains it.
+        sigmas = np.minimum(sigmas, 5.0 * np.median(alone, axis=0) + ROUNDING)
     inliers = np.sum((norms / sigmas) ** 2, axis=1) <= outlier_limit(count, 2)
     return Consensus(inliers, sigmas)
 

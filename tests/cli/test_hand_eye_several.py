@@ -65,3 +65,37 @@ def test_exchanged_eyes_are_bad_input(tmp_path: Path) -> None:
     said = refused("hand-eye", path)
     assert "eyes left and right are exchanged from row 20 on" in said
     assert "p.csv" in said
+
+
+def test_a_row_without_an_eye_is_named(tmp_path: Path) -> None:
+    data = scene(2, 1, 10)
+    labels = data.eye.tolist()
+    labels[4] = ""
+    path = write_csv(tmp_path / "p.csv", (*PAIR, "eye"), data.numbers, labels)
+    said = refused("hand-eye", path)
+    assert "p.csv:6: column 'eye': found an empty cell" in said
+
+
+def test_an_eye_and_a_target_that_never_agree_are_left_out(tmp_path: Path) -> None:
+    """Rows of one eye and one target err alike: of three eyes, that one is named."""
+    data = scene(3, 2, 30, seed=2)
+    numbers = data.numbers.copy()
+    wrong = (data.eye == "left") & (data.target == "B")
+    numbers[wrong, 7] += 0.3
+    labels = data.eye.tolist(), data.target.tolist()
+    path = write_csv(tmp_path / "p.csv", (*PAIR, "eye", "target"), numbers, *labels)
+    found = answer("hand-eye", path, "--out", tmp_path / "out")
+    assert (tmp_path / "out" / "report.html").is_file()
+    assert set(data.eye[found["outliers"]]) == {"left"}
+    assert len(found["outliers"]) in (wrong.sum(), 30 - wrong.sum())
+    assert any("rows of eye left do not agree" in note for note in found["verdict"]["notes"])
+
+
+def test_two_eyes_that_agree_only_by_themselves_are_told(tmp_path: Path) -> None:
+    data = scene(2, 2, 30, seed=2)
+    numbers = data.numbers.copy()
+    numbers[(data.eye == "left") & (data.target == "B"), 7] += 0.3
+    labels = data.eye.tolist(), data.target.tolist()
+    path = write_csv(tmp_path / "p.csv", (*PAIR, "eye", "target"), numbers, *labels)
+    said = refused("hand-eye", path)
+    assert "each two agree by themselves" in said
