@@ -219,6 +219,7 @@ SCENES: dict[str, tuple[str, ...]] = {
     "outliers in a block": ("pivot", "points", "pairs"),
     "exchanged targets": ("marked",),
     "time offset": ("moving",),
+    "late clock": ("moving",),
     "stretched body": ("sheet",),
     "landmark names": ("touched",),
     "wrong labels": ("robust",),

@@ -31,27 +31,10 @@ class LateRows(AddedVariable):
 
     def effects(self, answer: Examination) -> Iterator[Effect]:
         """One for each term whose arm moved smoothly and whose clock is no unknown already."""
-        arm = answer.arm
-        assert arm is not None
-        # The tip's motion by each reading.
-        motion = answer.motion @ arm.gearing
-        for k, (first, end) in enumerate(pairwise(answer.boundaries.tolist())):
-            if answer.problem.terms[k].of_clock:
+        for k, moving, velocity in in_motion(answer):
+            # With times it is fitted (`trust.hypotheses.late_clock`).
+            if moving.step is not None:
                 continue
-            term = answer.problem.terms[k]
-            files = np.array([file for file, _ in term.poses.samples.files()])
-            time = term.poses.samples.time
-            steps = per_row(answer.q[first:end], files, time)
-            if steps is None:
-                continue
-            velocity = np.zeros((len(answer.q), 6, 1))
-            velocity[first:end, :, 0] = np.einsum("nvj,nj->nv", motion[first:end], steps)
-            moving = _Moving(
-                term.called,
-                term.medium != "touch",
-                None if time is None else usual_step(time, files),
-                rms_length(velocity[first:end, :3, 0]),
-            )
             columns = answer.by_motion(velocity)
             # Rows by which they may be late, at most: more is looked for by reading them again
             # (`trust.hypotheses.rows_late`).
@@ -59,24 +42,7 @@ class LateRows(AddedVariable):
 
     def sentence(self, evidence: Evidence) -> str:
         """By how much they are late, what that is at the tip, and what to do."""
-        rows, std, moving = float(evidence.size[0]), float(evidence.std[0]), evidence.effect.about
-        size, bound = f"{abs(rows):.3f} ± {std:.3f} of the time between two rows", 100
-        if moving.step is not None:
-            late, late_std = (ms(value * moving.step) for value in (abs(rows), std))
-            size, bound = f"{late:.1f} ± {late_std:.1f} ms", 100 * max(1, math.ceil(late / 50.0))
-        column = "" if moving.step is not None else "the samples a column time, in s, and "
-        return (
-            f"The arm moved while the rows of {moving.called} were measured. The readings were "
-            f"taken {'before' if rows > 0 else 'after'} the observations, by {size}: in this time "
-            f"the tip moves by {text(abs(rows) * moving.way, 'm', with_unit=True)} (RMS). "
-            + (
-                f"Let the time offset be estimated: give {column}"
-                f"their row of the observations the key time_offset_ms: {{bound: {bound}}}. "
-                "Or let the arm rest at each row."
-                if moving.seen
-                else "Let the arm rest at each row."
-            )
-        )
+        return said_late(evidence)
 
     def spoil(self, data: Any, values: Truth, rng: np.random.Generator) -> SpoiltData:
         """Readings that are 0.2 rows old."""
@@ -88,13 +54,13 @@ class LateRows(AddedVariable):
 
 
 @dataclass(frozen=True)
-class _Moving:
+class Moving:
     """Rows of a moving arm.
 
     Attributes:
         called: as the term is.
         seen: whether the tip was seen: an arm that touches has no time offset.
-        step: from row to row, s; None without times.
+        step: from row to row, s; None where no time offset can be estimated.
         way: of the tip in this time, m, RMS.
     """
 
@@ -102,6 +68,52 @@ class _Moving:
     seen: bool
     step: float | None
     way: float
+
+
+def in_motion(answer: Examination) -> Iterator[tuple[int, Moving, FloatArray]]:
+    """Terms whose arm moved smoothly and whose clock is no unknown already.
+
+    Each with its number, and the motion (samples, 6, 1) of the tips from row to row.
+    """
+    arm = answer.arm
+    assert arm is not None
+    # The tip's motion by each reading.
+    motion = answer.motion @ arm.gearing
+    for k, (first, end) in enumerate(pairwise(answer.boundaries.tolist())):
+        term = answer.problem.terms[k]
+        if term.of_clock:
+            continue
+        files = np.array([file for file, _ in term.poses.samples.files()])
+        seen, time = term.medium != "touch", term.poses.samples.time
+        steps = per_row(answer.q[first:end], files, time)
+        if steps is None:
+            continue
+        velocity = np.zeros((len(answer.q), 6, 1))
+        velocity[first:end, :, 0] = np.einsum("nvj,nj->nv", motion[first:end], steps)
+        step = None if time is None or not seen else usual_step(time, files)
+        yield k, Moving(term.called, seen, step, rms_length(velocity[first:end, :3, 0])), velocity
+
+
+def said_late(evidence: Evidence) -> str:
+    """By how much rows are late, what that is at the tip, and what to do."""
+    rows, std, moving = float(evidence.size[0]), float(evidence.std[0]), evidence.effect.about
+    size, bound = f"{abs(rows):.3f} ± {std:.3f} of the time between two rows", 100
+    if moving.step is not None:
+        late, late_std = (ms(value * moving.step) for value in (abs(rows), std))
+        size, bound = f"{late:.1f} ± {late_std:.1f} ms", 100 * max(1, math.ceil(late / 50.0))
+    column = "" if moving.step is not None else "the samples a column time, in s, and "
+    return (
+        f"The arm moved while the rows of {moving.called} were measured. The readings were "
+        f"taken {'before' if rows > 0 else 'after'} the observations, by {size}: in this time "
+        f"the tip moves by {text(abs(rows) * moving.way, 'm', with_unit=True)} (RMS). "
+        + (
+            f"Let the time offset be estimated: give {column}"
+            f"their row of the observations the key time_offset_ms: {{bound: {bound}}}. "
+            "Or let the arm rest at each row."
+            if moving.seen
+            else "Let the arm rest at each row."
+        )
+    )
 
 
 def usual_step(time: FloatArray, files: Any) -> float | None:
