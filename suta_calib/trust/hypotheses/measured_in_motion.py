@@ -100,7 +100,7 @@ def said_late(evidence: Evidence) -> str:
     size, bound = f"{abs(rows):.3f} ± {std:.3f} of the time between two rows", 100
     if moving.step is not None:
         late, late_std = (ms(value * moving.step) for value in (abs(rows), std))
-        size, bound = f"{late:.1f} ± {late_std:.1f} ms", 100 * max(1, math.ceil(late / 50.0))
+        size, bound = f"{late:.2f} ± {late_std:.2f} ms", 100 * max(1, math.ceil(late / 50.0))
     column = "" if moving.step is not None else "the samples a column time, in s, and "
     return (
         f"The arm moved while the rows of {moving.called} were measured. The readings were "
