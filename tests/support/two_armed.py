@@ -64,11 +64,8 @@ def both_hands(
 
 def spoilt(hypothesis: Hypothesis, arm: int, seed: int = 1) -> tuple[SpoiltData, list[Term]]:
     """The fault of a hypothesis in one arm's data, and the data of both."""
-    terms, truth = both_hands(
-        seed,
-        150 if hypothesis.name == "time offset" else 60,
-        moving=hypothesis.name == "time offset",
-    )
+    moving = hypothesis.name in ("time offset", "late clock")
+    terms, truth = both_hands(seed, 150 if moving else 60, moving=moving)
     fault = hypothesis.spoil(terms[arm], truth, np.random.default_rng(seed))
     terms[arm] = fault.data
     return fault, terms

@@ -50,17 +50,18 @@ class LateClock(Hypothesis):
     def _late(self, answer: Examination, k: int, moving: Moving) -> Evidence | None:
         """The time offset of a term, with what it explains; None where it cannot be estimated."""
         given = answer.solution.problem
-        terms, sees = [*given.terms], given.terms[k].sees
-        for n, term in enumerate(terms):
-            if (term.kind, term.sees) == (
-                terms[k].kind,
-                sees,
-            ) and term.poses.samples.time is not None:
+        terms, mine = [*given.terms], given.terms[k]
+        for n, term in enumerate(given.terms):
+            same_clock = (term.kind, term.sees) == (mine.kind, mine.sees)
+            if same_clock and term.poses.samples.time is not None:
                 terms[n] = replace(term, time_offset=TimeOffset())
+        options = SolverOptions(starts=1, confirm=False)
         try:
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore", SutaCalibWarning)
-                again = solve(Problem(terms, given.arm_parameters), SolverOptions(confirm=False))
+                again = solve(
+                    Problem(terms, given.arm_parameters), SolverOptions(starts=1, confirm=False)
+                )
         except SutaCalibError:  # Too few rows beside each other, or for one unknown more.
             return None
         clock = again.problem.terms[k].of_clock[:1]
