@@ -59,9 +59,7 @@ class LateClock(Hypothesis):
         try:
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore", SutaCalibWarning)
-                again = solve(
-                    Problem(terms, given.arm_parameters), SolverOptions(starts=1, confirm=False)
-                )
+                again = solve(Problem(terms, given.arm_parameters), options)
         except SutaCalibError:  # Too few rows beside each other, or for one unknown more.
             return None
         clock = again.problem.terms[k].of_clock[:1]
