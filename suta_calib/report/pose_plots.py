@@ -88,9 +88,7 @@ def many_eyes_plot(calibration: ManyEyesCalibration) -> str:
         _draw_residuals(panels["rad"], "", *turned, "rad", row)
         _draw_seen(panels["seen"], calibration)
         draw_axes(panels["axes"], calibration.axes, inliers[1:] & inliers[:-1])
-        panels["axes"].set_title(
-            f"Axes of the motions in the {frame}\n(angle from its z); large: large turns"
-        )
+        panels["axes"].set_title(f"Axes of motion in the {frame},\nby angle from its z")
         what = "Hand-eye calibration of several eyes: residuals, who saw what, axes of motion"
         return svg_text(figure, "hand_eye", what)
 
@@ -175,7 +173,7 @@ def _draw_residuals(
     label = f"RMS of the fitted {level:.3g} {unit_name(unit)}"
     axes.axhline(level, c=GREY, lw=1.2, ls="--", label=label)
     _draw_rows(axes, np.arange(float(len(sizes))), sizes, inliers, ("fitted", "outlier"))
-    axes.xaxis.set_major_locator(MaxNLocator(integer=True))
+    axes.xaxis.set_major_locator(MaxNLocator(nbins=6, integer=True))
     axes.set_xlabel(row)
     axes.set_ylabel(f"{'turn' if unit == 'rad' else 'distance'}, {unit_name(unit)}")
     axes.grid(axis="y")
