@@ -57,6 +57,7 @@ from suta_calib.terms import CameraView, MeasuredPoses, Noise
 from suta_calib.terms.external_frame import pose_named
 from suta_calib.terms.hand_eye_start import (
     EYE_IN_HAND,
+    FEWEST,
     EyeSetup,
     as_eye_in_hand,
     loop_closures,
@@ -113,7 +114,8 @@ def hand_eye_from_pictures(
         SamplesError: names that do not match, too few pictures, pictures that agree with no X, or
             motions that do not determine it.
     """
-    terms = [_term(hand, view, setup, intrinsics) for view in views]
+    terms = [_term(hand, v, setup, intrinsics, several=len(views) > 1) for v in views]
+    views, terms, left_out = _enough(views, terms)
     terms = [term.beside(terms).at_its_distance() for term in terms]
     if len(terms) > 1:
         with error_context(hand.path):
@@ -144,8 +146,26 @@ def hand_eye_from_pictures(
         noise=weighed.noise,
         error_model=weighed.chosen.model,
         errors=weighed.chosen.errors,
-        notes=hand.unit_notes,
+        notes=(*hand.unit_notes, *left_out),
     )
+
+
+def _enough(
+    views: Sequence[View], terms: Sequence[CameraView]
+) -> tuple[list[View], list[CameraView], list[str]]:
+    """Those with enough pictures, where their camera has others; notes on what is left out."""
+    located = [int(term.pictures.posed.sum()) for term in terms]
+    kept, notes = list[int](), list[str]()
+    for k, view in enumerate(views):
+        others = (located[m] >= FEWEST for m, v in enumerate(views) if v.label == view.label)
+        if located[k] >= FEWEST or not any(others):
+            kept.append(k)
+            continue
+        notes.append(
+            f"Camera {view.label} saw target {view.target} in {located[k]} usable pictures: they "
+            f"are left out, because {FEWEST} are needed."
+        )
+    return [views[k] for k in kept], [terms[k] for k in kept], notes
 
 
 def _refuse_exchanged(terms: Sequence[CameraView], views: Sequence[View], seed: int | None) -> None:
@@ -210,11 +230,16 @@ def _freed(solution: Solution, held: Weighed, hands: Hands) -> tuple[Problem, We
     return problem, weigh_pictures(problem, np.array(start), np.array(free), hands)
 
 
-def _term(hand: HandPoses, view: View, setup: EyeSetup, intrinsics: Intrinsics) -> CameraView:
+def _term(
+    hand: HandPoses, view: View, setup: EyeSetup, intrinsics: Intrinsics, *, several: bool
+) -> CameraView:
     if view.camera is None and intrinsics == "fixed":
         expected = "a camera's file for fixed intrinsics"
         raise SamplesError("no camera", expected, where="--intrinsics")
     rows = hand.of_eye(view.label)
+    seen = np.isin(hand.image[rows], view.corners.image)
+    # Of several cameras and boards not every one is seen everywhere.
+    rows = rows[seen] if several and seen.any() else rows
     samples = Samples.from_arrays(
         [],
         np.zeros((len(rows), 0)),

@@ -56,6 +56,23 @@ def test_one_file_of_corners_names_cameras_and_boards(scene: Pictures, tmp_path:
     check(answer("hand-eye", *named(scene, tmp_path, ["left", "right"])))
 
 
+def test_a_board_seen_twice_by_a_camera_is_left_out(scene: Pictures, tmp_path: Path) -> None:
+    """Two pictures of another board, of which the camera tells too little."""
+    options = named(scene, tmp_path, ["left", "right"])
+    file = tmp_path / "corners.csv"
+    rows = file.read_text().splitlines()
+    moved = [
+        row.replace("wall", "floor") if row[:3] in ("000", "001") and "left" in row else row
+        for row in rows
+    ]
+    file.write_text("\n".join(moved) + "\n")
+    floor = f"floor={tmp_path / 'board.yaml'}"
+    found = answer("hand-eye", *options, "--board", floor)
+    assert set(found["Z"]) == {"wall"}
+    notes = found["verdict"]["notes"]
+    assert any("left saw target floor in 2 usable pictures" in note for note in notes)
+
+
 def test_rows_may_be_of_one_camera_each(scene: Pictures, tmp_path: Path) -> None:
     """Both cameras call their pictures alike; a column says whose pose a row is."""
     options = named(scene, tmp_path, ["left", "right"])
