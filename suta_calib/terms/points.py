@@ -14,7 +14,7 @@ import numpy as np
 from suta_calib.arrays import FloatArray, IntArray
 from suta_calib.assessment import Level
 from suta_calib.errors import SamplesError, SutaCalibWarning
-from suta_calib.geometry.numbers import extent, register_points
+from suta_calib.geometry.numbers import extent, register_points, vector_from_rotation
 from suta_calib.geometry.symbols import Symbol
 from suta_calib.measurements import Board, SampleColumns, YamlSection, read_board
 from suta_calib.measurements.depth_noise import TYPICAL, DepthNoise, ray_axes
@@ -573,7 +573,7 @@ class DepthPoints(FramedTerm):
     @property
     def doubts(self) -> Mapping[str, Level]:
         """Points behind the camera or beside it; a board of another size than its file says."""
-        doubts = dict[str, Level]()
+        doubts: dict[str, Level] = dict.fromkeys(self._turned_too_little(), "care")
         seen = self._measured
         ahead = seen[:, 2] > np.linalg.norm(seen[:, :2], axis=1) / 2.0
         if ahead.mean() < 0.5:
@@ -601,6 +601,24 @@ class DepthPoints(FramedTerm):
                     "or the squares of the board have another size: measure the board."
                 ] = "care"
         return doubts
+
+    def _turned_too_little(self) -> Iterator[str]:
+        """What is open where the hand turned about one axis, or not at all."""
+        rotation, _ = self.poses.at({})
+        turns = vector_from_rotation(rotation[0].T @ rotation)
+        turned = np.linalg.svd(turns - turns.mean(axis=0), compute_uv=False) / np.sqrt(len(turns))
+        # Turns of less than 3° tell a lever by less than a twentieth of what they move.
+        least = 0.05
+        if turned[0] < least:
+            yield (
+                "The hand hardly turned: these points do not determine where the camera is on what "
+                "carries it. Turn the hand by tens of degrees about two axes that are not parallel."
+            )
+        elif turned[1] < least:
+            yield (
+                "The hand turned about one axis only: these points do not determine where the "
+                "camera is along that axis. Turn the hand about another axis too."
+            )
 
     @property
     def misread(self) -> Iterator[tuple[str, Term]]:

@@ -216,6 +216,22 @@ def test_body_axes_are_named() -> None:
     assert "body axes" in sentence
 
 
+@pytest.mark.parametrize(
+    ("joints", "words"),
+    [((), "hardly turned"), ((0,), "about one axis only"), ((0, 3, 4), "")],
+    ids=["none", "one", "several"],
+)
+def test_turns_that_leave_the_camera_open_are_said(joints: tuple[int, ...], words: str) -> None:
+    s = scene(n=12)
+    q = np.tile(s.q[0], (12, 1))
+    q[:, list(joints)] += np.random.default_rng(0).uniform(-0.5, 0.5, (12, len(joints)))
+    rotation, position = s.arm.forward(q)
+    ahead = np.array([0.0, 0.0, 0.6])
+    seen = np.einsum("nji,nj->ni", rotation, position[0] + rotation[0] @ ahead - position)
+    said = DepthPoints.from_arrays(s.arm, q, position=seen).doubts
+    assert [words in sentence for sentence in said] == [True] * bool(words)
+
+
 def test_mirrored_points_are_read_otherwise() -> None:
     s = scene(board=True, n=10)
     known = s.arm.at(s.truth)
