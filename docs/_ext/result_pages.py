@@ -40,6 +40,8 @@ RESULT_KEYS = {
     "[state](../guides/messages.md#the-state-of-a-parameter).",
     "external_poses": "Poses outside the arm: as a 4x4 matrix in m, and as position, roll "
     "pitch yaw and quaternion with standard deviations.",
+    "markers": "By the label of the board, the markers that its file does not place: pose and size "
+    "with standard deviations, as in `board.yaml`; empty where there are none.",
     "time_offsets": "Time offsets of instruments and cameras with a clock of their own "
     "(`time_offset_ms`), with their effect at the tip; empty where there are none.",
     "line_delays": "Of cameras with a rolling shutter, the time of one row (`line_delay_us`).",

@@ -6,6 +6,7 @@ AprilTag have it, so that a board which faces a camera that stands upright is no
 
 from __future__ import annotations
 
+import math
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping
 from copy import copy
@@ -24,9 +25,11 @@ from suta_calib.errors import BoardError
 from suta_calib.geometry.numbers import rpy_from_rotation
 from suta_calib.measurements.fields import (
     LENGTH,
-    POSITION,
+    LENGTH_OR_0,
     ROTATION,
     TEXT,
+    XYZ_DEG,
+    XYZ_MM,
     Field,
     Fields,
     Value,
@@ -260,17 +263,56 @@ class Marker(Displayable):
     """One ArUco marker or AprilTag.
 
     Attributes:
-        position: (3,) of its middle in the board's frame, m.
-        size: edge of its black square, m.
+        position: (3,) of its middle in the board's frame, m; NaN where nobody measured it.
+        size: edge of its black square, m; NaN where nobody measured it.
         rotation: (3, 3) of its own axes (right, down, in) in the board's frame.
+        position_std, rotation_std, size_std: standard deviations of these, m and rad, where
+            they were measured with an arm.
     """
 
-    position: FloatArray = keyed(POSITION)
-    size: float = keyed(LENGTH, "Edge of the black square.")
+    position: FloatArray = keyed(
+        XYZ_MM,
+        "Position of its centre. Without it, pictures from a camera on the arm, or of markers on "
+        "it, determine where the marker is.",
+        lambda: np.full(3, np.nan),
+    )
+    size: float = keyed(
+        LENGTH, "Edge of the black square. Without it and position_mm it is estimated.", math.nan
+    )
     rotation: FloatArray = keyed(ROTATION, "", lambda: np.eye(3))
+    position_std: FloatArray | None = keyed(
+        XYZ_MM, "Standard deviations of the position, as `hand-eye` writes them.", None
+    )
+    rotation_std: FloatArray | None = keyed(
+        XYZ_DEG, "The same of the rotation, about the axes of the marker.", None
+    )
+    size_std: float | None = keyed(LENGTH_OR_0, "The same of the size.", None)
 
     def __post_init__(self) -> None:
-        _check_size(self.size, "a marker", "marker")
+        if not math.isnan(self.size):
+            _check_size(self.size, "a marker", "marker")
+
+    @property
+    def placed(self) -> bool:
+        """Whether its place is known."""
+        return bool(np.isfinite(self.position).all())
+
+    def row(self) -> dict[str, Any]:
+        """Keys and values of a file, in mm and degrees."""
+        row: dict[str, Any] = {}
+        if self.placed:
+            row["position_mm"] = mm(self.position).tolist()
+            if not np.array_equal(self.rotation, np.eye(3)):
+                row["rotation_rpy_deg"] = deg(rpy_from_rotation(self.rotation)).tolist()
+        if not math.isnan(self.size):
+            row["size_mm"] = mm(self.size)
+        if self.position_std is not None:
+            row["position_std_mm"] = mm(self.position_std).tolist()
+        if self.rotation_std is not None:
+            row["rotation_std_deg"] = deg(self.rotation_std).tolist()
+        if self.size_std is not None:
+            row["size_std_mm"] = mm(self.size_std)
+        return row
 
     @property
     def corners(self) -> FloatArray:
@@ -280,7 +322,9 @@ class Marker(Displayable):
 
 @dataclass(frozen=True, eq=False)
 class Markers(Board):
-    """Markers of known places. Corner k of marker m, k from 0 as in `Marker.corners`, is 4 m + k.
+    """Markers. Corner k of marker m, k from 0 as in `Marker.corners`, is 4 m + k.
+
+    Corners of markers of unknown places are NaN.
 
     Attributes:
         dictionary: OpenCV's name of it, such as ``DICT_APRILTAG_36h11``.
@@ -322,13 +366,13 @@ class Markers(Board):
 
     def row(self) -> dict[str, Any]:
         """Type, dictionary, and a mapping of the markers."""
-        listed: dict[int, Any] = {}
-        for number, marker in self.markers.items():
-            one: dict[str, Any] = {"position_mm": mm(marker.position).tolist()}
-            if not np.array_equal(marker.rotation, np.eye(3)):
-                one["rotation_rpy_deg"] = deg(rpy_from_rotation(marker.rotation)).tolist()
-            listed[number] = one | {"size_mm": mm(marker.size)}
+        listed = {number: marker.row() for number, marker in self.markers.items()}
         return {"type": self.type, "dictionary": self.dictionary, "markers": listed}
+
+    @property
+    def unplaced(self) -> tuple[int, ...]:
+        """Numbers of the markers of unknown places."""
+        return tuple(number for number, marker in self.markers.items() if not marker.placed)
 
     @property
     def into(self) -> float:
@@ -358,6 +402,9 @@ def read_board(path: str | Path) -> Board:
         listed = top.section("markers")
         markers = dict(_marker(listed, key) for key in listed.data)
         board = Markers(values["dictionary"], markers, **more)
+        if board.unplaced and board.stretch is not None:
+            expected = "stretch: fixed, where places of markers are unknown"
+            raise top.refuse("a stretch that is estimated", expected)
     elif kind == Chessboard.type:
         columns, rows = values["corners"]
         board = Chessboard(columns, rows, values["square"], **more)
@@ -371,8 +418,10 @@ def read_board(path: str | Path) -> Board:
     # Sizes of a whole board, m, beyond which its file is in another unit than mm.
     smallest, largest = 2e-3, 30.0
     places = np.array(list(board.points.values()))
-    size = float(np.ptp(places, axis=0).max())
-    if not smallest <= size <= largest:
+    known = places[np.isfinite(places).all(axis=1)]
+    sizes = [m.size for m in board.markers.values()] if isinstance(board, Markers) else []
+    size = float(np.ptp(known, axis=0).max()) if len(known) else float(np.fmax.reduce(sizes))
+    if not np.isnan(size) and not smallest <= size <= largest:
         raise top.refuse(
             f"a board of {mm(size):.3g} mm",
             f"{mm(smallest):g} mm to {largest:g} m",
@@ -386,7 +435,16 @@ def _marker(listed: YamlSection, key: str) -> tuple[int, Marker]:
     if not key.isdecimal() or str(int(key)) != key or int(key) > _MOST_POINTS:
         expected = "the number of the marker in its dictionary, from 0"
         raise listed.refuse(repr(key), expected, at=(key,))
-    return int(key), read_as(Marker, listed.section(key))
+    if listed.data[key] == {}:
+        return int(key), Marker()
+    section = listed.section(key)
+    marker = read_as(Marker, section)
+    if marker.placed and math.isnan(marker.size):
+        expected = "size_mm too: only a marker whose place is unknown may have an unknown size"
+        raise section.refuse("position_mm without size_mm", expected)
+    if not marker.placed and "rotation_rpy_deg" in section:
+        raise section.refuse("rotation_rpy_deg without position_mm", "both, or neither")
+    return int(key), marker
 
 
 def _counts(name: str, least: int, what: str) -> Field:
@@ -427,7 +485,8 @@ BOARD_KEYS: Final = {
             "markers",
             Value("by number", inside=fields_of(Marker)),
             "The markers by their number in the dictionary, each with the position of its centre "
-            "on the board. The axes of a marker point right, down and into the board. If y of "
+            "on the board, or without it where nobody measured it (`{7: {size_mm: 80}, 8: {}}`). "
+            "The axes of a marker point right, down and into the board. If y of "
             "these positions points up, give each marker `rotation_rpy_deg: [180, 0, 0]`.",
             required=True,
         ),

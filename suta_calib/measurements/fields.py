@@ -226,6 +226,11 @@ FLAG: Final = Value("true or false", YamlSection.flag)
 FILE: Final = Value("file", YamlSection.existing_file)
 FILES: Final = Value("files", YamlSection.files)
 XYZ_MM: Final = Value("x, y, z in mm", YamlSection.position, unit="m")
+XYZ_DEG: Final = Value(
+    "x, y, z in deg",
+    lambda section, name: from_deg(np.array(section.numbers(name, 3))),
+    unit="rad",
+)
 RPY_DEG: Final = Value("roll, pitch, yaw in deg", YamlSection.rotation)
 LENGTH: Final = quantity("m", "positive")
 LENGTH_OR_0: Final = quantity("m", "non-negative")

@@ -36,8 +36,9 @@ def markers_as_seen(board: Board, corners: Corners) -> tuple[Board, str]:
         return board, ""
     ways = [board, *(_turned(board, way) for way in _other_ways())]
     misfits = []
+    placed = np.isin(corners.point // CORNERS, board.unplaced, invert=True)
     for name in corners.images:
-        rows = corners.image == name
+        rows = (corners.image == name) & placed
         point = corners.point[rows]
         if len(point) < 2 * CORNERS or len(np.unique(point // CORNERS)) < 2:
             continue

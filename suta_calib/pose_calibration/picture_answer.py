@@ -14,6 +14,7 @@ from suta_calib.arrays import BoolArray, FloatArray, IntArray
 from suta_calib.assessment import Assessment, Level, judged
 from suta_calib.geometry.numbers import rms_length
 from suta_calib.measurements import Camera
+from suta_calib.measurements.board import Markers
 from suta_calib.pose_calibration.consensus import FALSE_ALARM
 from suta_calib.pose_calibration.correlation import WAYS
 from suta_calib.pose_calibration.eye_poses import ENOUGH, EyePoses, Model, Unknown, unknowns_of
@@ -77,6 +78,8 @@ class CameraEstimate(EyePoses):
         other_size: what in the camera's file denies the size of picture that it says, in a
             sentence, or empty.
         lens_choice: how the model of the lens was chosen, where no file says it.
+        markers: of a board whose markers nobody measured, as they were found; None of another.
+        marker_notes: what was found about them, one sentence each.
         turned: pictures that were left out and agree with the others once the ``board`` or the
             ``picture`` is turned by half a turn.
     """
@@ -104,6 +107,8 @@ class CameraEstimate(EyePoses):
     board_size: Learned
     other_size: str
     lens_choice: LensChoice | None
+    markers: Markers | None
+    marker_notes: tuple[str, ...]
     turned: Mapping[str, tuple[str, ...]]
 
     @property
@@ -335,6 +340,7 @@ def _judged(camera: CameraEstimate, noise: PictureNoise) -> tuple[list[str], lis
                 f"the arm. More pictures do not remove them. Calibrate the arm, and {remedy}"
             )
         care.append(f"{unsure}: {remedy}")
+    care += camera.marker_notes
     care += [
         f"In {listed(list(names), QUOTED)} {TURNED[what]} These pictures are left out."
         for what, names in camera.turned.items()

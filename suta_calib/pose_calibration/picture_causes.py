@@ -17,7 +17,7 @@ from suta_calib.terms.hand_eye_start import (
     EyeSetup,
     Poses,
     as_eye_in_hand,
-    quaternion_hand_eye,
+    motion_scale,
     some_poses,
 )
 from suta_calib.terms.lens_choice import camera_alone
@@ -28,7 +28,7 @@ def cause_of_disagreement(
 ) -> tuple[str, str]:
     """What is wrong with pictures that agree with no X, and what to do; empty if unknown."""
     _, hand, board = usable_poses(term)
-    scale = _scale(as_eye_in_hand(hand, term.setup), board)
+    scale, _ = motion_scale(as_eye_in_hand(hand, term.setup), board)
     # Ratio of two sizes that no measuring error explains.
     if scale > 0 and abs(np.log(scale)) > np.log(1.3):
         larger = (hand, (board[0], board[1] * scale))
@@ -74,22 +74,6 @@ def usable_poses(term: CameraView) -> tuple[BoolArray, Poses, Poses]:
     """(n,) pictures that tell where the board is, and poses of the hand and the board there."""
     posed = np.isfinite(term.seen_poses[1][:, 0])
     return posed, some_poses(term.poses.at({}), posed), some_poses(term.seen_poses, posed)
-
-
-def _scale(hand: Poses, eye: Poses) -> float:
-    """How much farther the hand moves than the eye sees, with X found beside it.
-
-    ``(R_A - I) t_X + t_A = s R_X t_B`` for motions between any two pictures, by least squares.
-    """
-    turn, _ = quaternion_hand_eye(hand, eye)
-    (R, p), (Rb, pb) = hand, eye
-    # Motions of the hand A = A_j⁻¹ A_i and of the board in the eye B = B_j B_i⁻¹.
-    i, j = np.triu_indices(len(p), k=1)
-    A = np.swapaxes(R[j], 1, 2) @ R[i]
-    a = np.einsum("nji,nj->ni", R[j], p[i] - p[j])
-    b = pb[j] - np.einsum("nij,nj->ni", Rb[j] @ np.swapaxes(Rb[i], 1, 2), pb[i])
-    rows = np.concatenate([A - np.eye(3), -(b @ turn.T)[:, :, None]], axis=2).reshape(-1, 4)
-    return float(np.linalg.lstsq(rows, -a.ravel(), rcond=None)[0][3])
 
 
 def _agrees(hand: Poses, eye: Poses, setup: EyeSetup, seed: int) -> bool:

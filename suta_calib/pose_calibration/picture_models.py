@@ -30,6 +30,7 @@ from suta_calib.pose_calibration.picture_rows import PictureRows
 from suta_calib.solver.problem import Problem
 from suta_calib.terms import CameraView
 from suta_calib.terms.hand_eye_start import EYE_IN_HAND
+from suta_calib.terms.marker_survey import SurveyedMarkers
 
 # A model whose errors of pictures left out exceed those of least squares by no more than this part
 # predicts as well: folds dealt in another way change the ratio of two models by as much.
@@ -133,6 +134,8 @@ class _Frames:
             eye, board, _ = term.owners
             base.add(board if term.setup == EYE_IN_HAND else eye)
             every |= {eye, board}
+            if isinstance(term.board, SurveyedMarkers):
+                every |= {p.owner for p in term.board.parameters(term.sees_board)}
         owners = np.array([parameter.owner for parameter in problem.parameters.values()])[unknowns]
         return cls(np.isin(owners, list(base)), np.isin(owners, list(every)))
 

@@ -46,6 +46,7 @@ from suta_calib.solver.problem import Problem
 from suta_calib.solver.weights import CAMERA, Learned, prior_groups
 from suta_calib.terms import CameraView
 from suta_calib.terms.intrinsics import HELD
+from suta_calib.terms.marker_survey import SurveyedMarkers
 
 # Linearisations at most.
 ROUNDS: Final = 10
@@ -271,7 +272,12 @@ def sizes_of_boards(problem: Problem, weighed: Weighed) -> dict[str, Learned]:
     ``problem``.
     """
     problem, first = problem.as_given(), len(weighed.free)
-    targets = dict.fromkeys(t.target for t in problem.terms if isinstance(t, CameraView))
+    views = [term for term in problem.terms if isinstance(term, CameraView)]
+    targets = dict.fromkeys(t.target for t in views if not isinstance(t.board, SurveyedMarkers))
+    # Sizes of markers that are surveyed are estimated by themselves.
+    surveyed = {t.target: Learned(1.0, np.inf, None) for t in views if t.target not in targets}
+    if not targets:
+        return surveyed
     # Part of its size by which a board may be of another one than its file says: hardly anything is
     # known of it beforehand, but that motions which do not tell it leave it as it is.
     boards = dict.fromkeys(targets, 0.3)
@@ -286,7 +292,7 @@ def sizes_of_boards(problem: Problem, weighed: Weighed) -> dict[str, Learned]:
     covariance = estimate.here.covariance + _in_common(estimate.here, hands.spaces)
     covariance = covariance + covariance_of_levels(estimate.likelihood.at, estimate.eta, levels)
     stds = np.sqrt(np.diag(covariance))[sizes]
-    return {
+    return surveyed | {
         board: Learned(float(np.exp(size)), float(std), None)
         for board, size, std in zip(boards, away, stds, strict=True)
     }
@@ -295,7 +301,7 @@ def sizes_of_boards(problem: Problem, weighed: Weighed) -> dict[str, Learned]:
 def _resized(problem: Problem, factors: Mapping[str, float]) -> Problem:
     """The same with every board so many times as large."""
     terms = [
-        replace(term, board=term.board.scaled(factors[term.target]))
+        replace(term, board=term.board.scaled(factors.get(term.target, 1.0)))
         for term in problem.terms
         if isinstance(term, CameraView)
     ]

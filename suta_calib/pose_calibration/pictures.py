@@ -33,6 +33,7 @@ from suta_calib.pose_calibration.hand_eye import calibrate_hand_eye
 from suta_calib.pose_calibration.inputs import error_context
 from suta_calib.pose_calibration.loop_fit import ADVICE, refuse_exchanged_labels
 from suta_calib.pose_calibration.loop_start import FEW_PAIRS
+from suta_calib.pose_calibration.measured_markers import against_stated_sizes, measured_markers
 from suta_calib.pose_calibration.picture_answer import (
     CameraEstimate,
     HeldIntrinsics,
@@ -63,6 +64,7 @@ from suta_calib.terms.hand_eye_start import (
     loop_closures,
     some_poses,
 )
+from suta_calib.terms.marker_survey import SurveyedMarkers
 from suta_calib.terms.misread_pictures import other_size
 
 Intrinsics = Literal["fixed", "free"]
@@ -349,6 +351,8 @@ def _camera_estimate(
     """A camera of the answer; ``freed`` is one with its intrinsics estimated."""
     same_corners = view.camera is not None and term.prior is not None
     values = weighed.values
+    markers = measured_markers(term, weighed.names, weighed.x, weighed.covariance)
+    notes = term.board.notes if isinstance(term.board, SurveyedMarkers) else ()
     eye, board, owner = term.owners
     at = [weighed.names.index(f"{frame}.{key}") for frame in (eye, board) for key in PLACEMENT]
     jacobian = tangent_of_poses(weighed.x[at])
@@ -364,7 +368,10 @@ def _camera_estimate(
             camera, intrinsics=freed.x[of].copy(), covariance=freed.covariance[np.ix_(of, of)]
         )
     X, Z = pose_named(values, eye), pose_named(values, board)
-    refined = replace(term, camera=camera)
+    seen = term.board
+    if isinstance(seen, SurveyedMarkers):
+        seen = seen.at(term.sees_board, values)
+    refined = replace(term, camera=camera, board=seen)
     A = as_eye_in_hand(hand.pose, term.setup)
     rows = np.array([int(origin) for origin in term.poses.samples.origin], dtype=np.intp)
     A = A[0][rows], A[1][rows]
@@ -373,7 +380,7 @@ def _camera_estimate(
     turns = np.full(p.shape, np.nan)
     turns[posed] = vector_from_rotation(Z[0].T @ R[posed])
     errors = picture_errors(term, values)
-    points = np.array(list(view.board.points))
+    points = np.array(list(term.board.points))
     sample, point = term.detected
     pixels = term.pixels[sample, point]
     corners = np.column_stack([sample, points[point], pixels, errors.residual, good[sample]])
@@ -403,6 +410,8 @@ def _camera_estimate(
         board_size=size,
         other_size=other_size(term.pictures),
         lens_choice=term.lens_choice,
+        markers=markers,
+        marker_notes=(*notes, *filter(None, [against_stated_sizes(term, markers)])),
         turned={what: tuple(images[those & ~good].tolist()) for what, those in upside_down.items()},
     )
 

@@ -19,6 +19,7 @@ from suta_calib import report
 from suta_calib.job import inputs_copy
 from suta_calib.job.calibration import Calibration
 from suta_calib.plotting.look import MOST_CORRELATED, MOST_GROUPS
+from suta_calib.pose_calibration.measured_markers import measured_boards
 from suta_calib.report.calibration_tables import (
     ABOUT,
     COMBINATIONS,
@@ -64,6 +65,7 @@ from suta_calib.report.errors import (
     residual_rows,
 )
 from suta_calib.report.listing import Json, Place, csv_of_groups
+from suta_calib.report.markers import marker_parts, marker_records
 from suta_calib.report.observability import (
     HELD,
     MANY,
@@ -107,6 +109,7 @@ def calibration_document(result: Calibration) -> Document:
         *section("parameters", lambda: _parameters(result)),
         *section("clocks", lambda: _clocks(result)),
         *section("external poses", lambda: _external_poses(result)),
+        *section("markers", lambda: _markers(result)),
         *section("what these data cannot determine", lambda: _untold(result)),
         *section("remaining errors", lambda: _remaining_errors(result)),
         *section("noise and correlations", lambda: _noise_and_correlations(result)),
@@ -254,6 +257,13 @@ def _external_poses(result: Calibration) -> Iterator[Part]:
         yield IN_SHORT.of(poses, place="console" if shown else "verbose")
         yield EXTERNAL_POSES.of(poses, place="page")
         yield remark(f"{NOTE} {NOTE_GIVEN}" if any(pose.given for pose in poses) else NOTE)
+
+
+def _markers(result: Calibration) -> Iterator[Part]:
+    """Where markers are that nobody had measured."""
+    boards = measured_boards(result.solution) if result.solution.converged else {}
+    for label, board in boards.items():
+        yield from marker_parts(board, label if len(boards) > 1 else "")
 
 
 def _errors(result: Calibration) -> Iterator[Part]:
@@ -476,6 +486,12 @@ def _data(result: Calibration) -> Json:
         "parameters": PARAMETERS.records(outcomes(result.examined)),
         "external_poses": entry(
             "external_poses", lambda: EXTERNAL_POSES.records(result.examined.external_poses)
+        ),
+        "markers": entry(
+            "markers",
+            lambda: {
+                name: marker_records(board) for name, board in measured_boards(solution).items()
+            },
         ),
         "time_offsets": entry(
             "time_offsets", lambda: TIME_OFFSETS.records(result.examined.clock_offsets)

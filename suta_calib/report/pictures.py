@@ -23,6 +23,7 @@ from suta_calib.pose_calibration.picture_noise import PictureNoise
 from suta_calib.report.document import Document, Figure, File, Part, Text
 from suta_calib.report.hand_eye import NAME, frame_tables
 from suta_calib.report.listing import Column, Json, Listing, csv_text, plain, shown_as
+from suta_calib.report.markers import marker_parts, marker_records
 from suta_calib.report.poses import (
     MOST_OUTLIERS,
     covariance_record,
@@ -71,8 +72,9 @@ def picture_document(
 ) -> Document:
     """X of every camera, Z where the model asks for it, and intrinsics, with standard deviations.
 
-    Files: ``residuals.csv``, and ``camera.yaml`` of every camera whose intrinsics were found.
-    ``named`` cameras and boards have X and Z by name.
+    Files: ``residuals.csv``, ``camera.yaml`` of every camera whose intrinsics were found, and
+    ``board.yaml`` of a board whose markers nobody had measured. ``named`` cameras and boards have
+    X and Z by name.
     """
     several = len(calibration.cameras) > 1
     parts, files = list[Part](), set[str]()
@@ -86,6 +88,8 @@ def picture_document(
             if name not in files:
                 parts.append(File(name, partial(camera_text, camera.camera)))
             files.add(name)
+        if camera.markers is not None:
+            parts += marker_parts(camera.markers, camera.label if several else "")
         parts += _fit(camera)
     corners = [(camera, row) for camera in calibration.cameras for row in camera.corners]
     parts += [
@@ -243,6 +247,7 @@ def _record(calibration: PictureCalibration, camera: CameraEstimate) -> Json:
         "reprojection_rms_px": camera.rms,
         "camera_alone_rms_px": camera.alone,
         "camera": _camera_record(camera),
+        "markers": None if camera.markers is None else marker_records(camera.markers),
         "intrinsics_held": None
         if camera.if_held is None
         else {"X": camera.if_held.X, "std": pose_std_record(camera.if_held.std)},

@@ -20,6 +20,7 @@ from suta_calib.measurements import (
     Camera,
     Chessboard,
     Corners,
+    Markers,
     SampleColumns,
     YamlSection,
     corners_of,
@@ -56,6 +57,7 @@ from suta_calib.terms.intrinsics import UNCALIBRATED, camera_at, intrinsic_param
 from suta_calib.terms.length_scale import stretch_factors, stretch_parameters
 from suta_calib.terms.lens_choice import LensChoice, camera_alone
 from suta_calib.terms.line_delay import LINE_DELAY, LineDelay, rolled
+from suta_calib.terms.marker_survey import SurveyedMarkers, surveyed
 from suta_calib.terms.misread_pictures import check_files, doubts, otherwise_read
 from suta_calib.terms.observed import Observed, Resimulation, TrueFrame
 from suta_calib.terms.poses import ArmPoses, PoseSource
@@ -175,6 +177,10 @@ class CameraView(FramedTerm):
         given = dict(setup.settings)
         noise, corners = given.pop("noise", None), given.pop("corners", None)
         attributes: dict[str, Any] = {"noise": setup.noise, "label": setup.label, **given}
+        board = given.get("board")
+        if corners is None and isinstance(board, Markers) and board.unplaced:
+            places = "the place of each marker, where pictures are simulated"
+            raise cls.refuse("markers of unknown places", places)
         term = (
             cls(poses, **attributes)
             if corners is None
@@ -228,6 +234,20 @@ class CameraView(FramedTerm):
         board, turned = markers_as_seen(board, corners)
         if turned:
             warnings.warn(f"{corners.path or 'corners'}: {turned}", SutaCalibWarning, stacklevel=2)
+        if isinstance(board, Markers) and board.unplaced:
+            if camera is None:
+                raise cls.refuse(
+                    "markers of unknown places, and no camera",
+                    "the file of a calibrated camera",
+                    "calibrate the camera first (suta-calib detect), and name its file",
+                )
+            hand = as_eye_in_hand(poses.at({}), more.get("setup", EYE_IN_HAND))
+            names = poses.samples.labels["image"].tolist()
+            by_picture = dict(zip(names, zip(*hand, strict=True), strict=True))
+            of_arm = isinstance(poses, ArmPoses)
+            board = surveyed(board, corners, camera, by_picture, exact_hand=not of_arm)
+            board = board.with_reference() if of_arm else board
+            corners = corners.take(np.isin(corners.point, list(board.points)))
         poses, prior = with_corners(poses, corners, board), None
         if camera is None:
             camera, more["lens_choice"] = camera_alone(corners, board, lens)
@@ -250,13 +270,16 @@ class CameraView(FramedTerm):
 
     @property
     def board_seen(self) -> Board | None:
-        """The board, once there are pictures of it."""
+        """The board, once there are pictures of it; none whose markers the arm measures."""
+        if isinstance(self.board, SurveyedMarkers) and not self.board.carries_scale:
+            return None
         return None if self.poses.samples.pixels is None else self.board
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """Which lens the pictures were taken with, where no file says it."""
-        return () if self.lens_choice is None else (self.lens_choice.sentence,)
+        """Which lens the pictures were taken with, where no file says it; what markers show."""
+        lens = () if self.lens_choice is None else (self.lens_choice.sentence,)
+        return (*lens, *self.board.notes) if isinstance(self.board, SurveyedMarkers) else lens
 
     def at_its_distance(self, noise: Noise | None = None, pixel: float | None = None) -> Self:
         """The same with the length that a pixel covers, and with a noise in px.
@@ -302,6 +325,10 @@ class CameraView(FramedTerm):
         shutters = (o.line_delay for o in views if o.owners[2] == self.owners[2] and o.line_delay)
         if term.line_delay is None and term.time_offset is not None:
             term = replace(term, line_delay=next(shutters, None))
+        if self._surveyed is not None:
+            boards = (o.board for o in views if o.owners[1] == self.owners[1])
+            surveyed_board = next(b for b in boards if isinstance(b, SurveyedMarkers))
+            term = term._seeing(surveyed_board)
         same_mount = (o for o in views if (o.owners[1], o.setup) == (self.owners[1], self.setup))
         first = next(same_mount, self)
         if first is self or not self.board.symmetric or self.poses.samples.pixels is None:
@@ -311,6 +338,25 @@ class CameraView(FramedTerm):
         return term._with_pixels(
             self.pictures.numbered_as(first.pictures, hands, self._names, same=same)
         )
+
+    def _seeing(self, board: SurveyedMarkers) -> Self:
+        """The same with the markers that another row found, about where that has them."""
+        if board is self.board:
+            return self
+        column = {number: k for k, number in enumerate(self.board.points)}
+        table = np.full((len(self.poses), len(board.points), 2), np.nan)
+        for k, number in enumerate(board.points):
+            if number in column:
+                table[:, k] = self.pixels[:, column[number]]
+        there = np.isfinite(table).any(axis=(1, 2))
+        if not there.any():
+            raise self.refuse(
+                "no marker that the first row of this board found",
+                "pictures of the same markers",
+                "give the row another target, if it is another board",
+            )
+        poses = self.poses.with_samples(replace(self.poses.samples, pixels=table)).take(there)
+        return replace(self, poses=poses, board=board)
 
     def _with_pixels(self, pixels: FloatArray) -> Self:
         if pixels is self.pixels:
@@ -342,6 +388,11 @@ class CameraView(FramedTerm):
         return self._labels[0]
 
     @property
+    def sees_board(self) -> str:
+        """The label of the board, beside those of other chains."""
+        return self._labels[1]
+
+    @property
     def frame_names(self) -> list[str]:
         """Owners of the poses of camera and board."""
         return list(self.owners[:2])
@@ -363,12 +414,20 @@ class CameraView(FramedTerm):
         poses = (*pose_parameters(eye), *pose_parameters(board))
         if self.free:
             poses = (*poses, *intrinsic_parameters(camera, self.camera, self.prior))
+        if isinstance(self.board, SurveyedMarkers):
+            return (*poses, *self.board.parameters(self.sees_board))
         return (*poses, *stretch_parameters(board, self._stretch))
+
+    @property
+    def _surveyed(self) -> SurveyedMarkers | None:
+        """The board, where places of its markers are estimated."""
+        return self.board if isinstance(self.board, SurveyedMarkers) else None
 
     @property
     def _stretch(self) -> float | None:
         """The prior of the board's stretch; of poses that were measured it is not estimated."""
-        return self.board.stretch if isinstance(self.poses, ArmPoses) else None
+        free = isinstance(self.poses, ArmPoses) and self._surveyed is None
+        return self.board.stretch if free else None
 
     @property
     def with_assumptions_estimated(self) -> Self | None:
@@ -415,16 +474,24 @@ class CameraView(FramedTerm):
         sample, point = self.detected
         if not (n := len(sample)):
             raise self.refuse("no corner in any picture", "corners of the board")
-        data = [
-            self.pixels[sample, point],
-            self.pictures.points[point],
-            np.full((n, 1), self.pixel),
-        ]
+        numbers, names = [*self.board.points], self._names
+        points, markers, unknowns = self.pictures.points[point], self._surveyed, self.own_parameters
+        own_columns = np.tile(np.arange(len(unknowns)), (n, 1))
+        corner = np.zeros((n, 0))
+        if markers is not None:
+            columns = {p.name: k for k, p in enumerate(unknowns)}
+            which = np.array(numbers, dtype=np.intp)[point]
+            points, corner, of_marker = markers.rows(which, columns, self.sees_board)
+            others = len(unknowns) - len(markers.parameters(self.sees_board))
+            own_columns = np.hstack([own_columns[:, :others], of_marker])
+        data = [self.pixels[sample, point], points, np.full((n, 1), self.pixel)]
         if not self.free:
             data.append(np.tile(self.camera.intrinsics, (n, 1)))
-        residual = reprojection(self.setup, self.camera.lens, self.free, self._stretch is not None)
-        own_columns = np.tile(np.arange(len(self.own_parameters)), (n, 1))
-        numbers, names = [*self.board.points], self._names
+        data.append(corner)
+        residual = reprojection(
+            *(self.setup, self.camera.lens, self.free, self._stretch is not None),
+            surveyed=markers is not None,
+        )
         labels = [
             f"{names[i]} corner {numbers[k]}"
             for i, k in zip(sample.tolist(), point.tolist(), strict=True)
@@ -477,6 +544,8 @@ class CameraView(FramedTerm):
         turn, shift = R_eye.T @ rotation @ R_board, (rotation @ p_board + position - p_eye) @ R_eye
         camera = camera_at(self.camera, intrinsics, values)
         made = self.board
+        if isinstance(made, SurveyedMarkers):
+            made = made.at(self.sees_board, values)
         if self._stretch is not None:
             made = made.stretched(stretch_factors(self.own_parameters, values))
         return BoardSight(made, camera, turn, shift)
@@ -503,8 +572,8 @@ class CameraView(FramedTerm):
         values = [pose_values(*X), pose_values(*Z)]
         if self.free:
             values.append(self.camera.intrinsics)
-        rest = len(self.own_parameters) - sum(map(len, values))
-        return np.concatenate([*values, np.zeros(rest)])
+        count = sum(map(len, values))
+        return np.concatenate([*values, [p.nominal for p in self.own_parameters[count:]]])
 
     def single_touches(self) -> CameraView:
         """The board's middle in every picture, where the picture's own pose of the board has it."""

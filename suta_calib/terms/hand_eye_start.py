@@ -64,6 +64,31 @@ def quaternion_hand_eye(hand: Poses, target: Poses) -> Poses:
     return R, np.einsum("...ij,...j->...i", solved, moment)
 
 
+def motion_scale(hand: Poses, target: Poses) -> tuple[float, float]:
+    """How much farther the hand moves than the eye sees, and how sure that is, as a share of it.
+
+    With X found beside it: ``(R_A - I) t_X + t_A = s R_X t_B`` for motions between any two of n
+    poses, by least squares. The share is a standard deviation by the scatter of these equations, of
+    which as many are independent as there are poses.
+    """
+    turn, _ = quaternion_hand_eye(hand, target)
+    (R, p), (Rb, pb) = hand, target
+    # Motions of the hand A = A_j⁻¹ A_i and of the board in the eye B = B_j B_i⁻¹.
+    i, j = np.triu_indices(len(p), k=1)
+    A = np.swapaxes(R[j], 1, 2) @ R[i]
+    a = np.einsum("nji,nj->ni", R[j], p[i] - p[j])
+    b = pb[j] - np.einsum("nij,nj->ni", Rb[j] @ np.swapaxes(Rb[i], 1, 2), pb[i])
+    rows = np.concatenate([A - np.eye(3), -(b @ turn.T)[:, :, None]], axis=2).reshape(-1, 4)
+    unit = np.maximum(np.linalg.norm(rows, axis=0), 1e-300)
+    solved = np.linalg.lstsq(rows / unit, -a.ravel(), rcond=None)[0] / unit
+    off = rows @ solved + a.ravel()
+    normal = np.linalg.pinv((rows / unit).T @ (rows / unit), hermitian=True)
+    few = len(p) / 2.0 / max(len(p) - 1, 1)
+    variance = float(off @ off) / len(off) / few * float(normal[3, 3]) / unit[3] ** 2
+    scale = float(solved[3])
+    return scale, float(np.sqrt(variance)) / scale if scale > 0 else np.inf
+
+
 def some_poses(poses: Poses, rows: BoolArray | IntArray) -> Poses:
     """Those of a set (n,) that are asked for: which, or their rows."""
     return poses[0][rows], poses[1][rows]

@@ -151,9 +151,15 @@ def detect(
     if not any(view.board for view in views):
         raise _none_found(views)
     board, turned = markers_as_seen(board, _corners(views))
-    fit, notes = None, []
+    fit, notes = None, list[str]()
     bad: list[str] = []
-    if camera is None:
+    measured = not (isinstance(board, Markers) and board.unplaced)
+    if camera is None and not measured:
+        notes.append(
+            "The camera was not calibrated: the board's file does not say where all markers are. "
+            "Calibrate it with a chessboard, or give its file (--camera)."
+        )
+    elif camera is None:
         try:
             fit = calibrate_camera(_corners(views), board, *_size(views), how.camera)
         except NoCameraFitsError as problem:
@@ -178,7 +184,7 @@ def detect(
         fit = replace(fit, camera=replace(fit.camera, corners=corners.digest))
         camera = fit.camera
     residuals = None
-    if camera is not None:
+    if camera is not None and measured:
         _, residuals = view_poses(corners, board, camera)
         rms = rms_by_view(corners, residuals)
         views = [_with_rms(view, rms) for view in views]

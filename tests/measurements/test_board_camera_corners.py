@@ -113,6 +113,16 @@ def test_points_are_numbered_along_the_rows_and_around_a_marker() -> None:
             "number of the marker",
         ),
         (TYPE + "markers\n" + D + "markers: {7: {position_mm: [0, 0, 0]}}\n", "size_mm"),
+        (TYPE + "markers\n" + D + "markers: {7: {size_mm: 0}}\n", "a positive number"),
+        (TYPE + "markers\n" + D + "markers: {7: {size_mm: 8}, 7: {}}\n", "the key '7' twice"),
+        (
+            TYPE + "markers\n" + D + "markers: {7: {rotation_rpy_deg: [0, 0, 0]}}\n",
+            "rotation_rpy_deg without position_mm",
+        ),
+        (
+            TYPE + "markers\n" + D + "markers: {7: {size_mm: 8}}\nstretch: free\n",
+            "stretch: fixed, where places of markers are unknown",
+        ),
     ],
 )
 def test_a_board_that_is_none_is_refused(tmp_path: Path, text: str, said: str) -> None:
