@@ -90,6 +90,11 @@ class Lens:
         return (*FOCAL, *CENTRE, *self.distortion)
 
     @property
+    def called(self) -> str:
+        """Its name, and the one that users know it by."""
+        return f"{self.name} (fisheye)" if self.sees_behind else self.name
+
+    @property
     def tangential(self) -> tuple[bool, ...]:
         """Of each coefficient whether it bends across rays, as decentred glasses do."""
         return tuple(name.startswith("p") for name in self.distortion)

@@ -207,9 +207,9 @@ def _coefficients(top: YamlSection, lens: Lens) -> list[float]:
     many = count > len(names) if lens.sees_behind else any(values[len(names) :])
     if few or many:
         other_lenses = [other for other in LENSES.values() if len(other.distortion) == count]
-        hint = f"{count} coefficients are those of {other_lenses[0].name}" if other_lenses else ""
+        hint = f"{count} coefficients are those of {other_lenses[0].called}" if other_lenses else ""
         raise section.refuse(
-            f"{count} coefficients for the distortion model {lens.name}",
+            f"{count} coefficients for the distortion model {lens.called}",
             f"{len(names)}: {', '.join(names)}",
             at=("data",),
             hint=f"{hint}: correct distortion_model" if hint else "",

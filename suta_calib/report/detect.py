@@ -117,7 +117,7 @@ def detect_document(
         sure = detection.fit.projection
         middle, worst = (text(std, "px") for std in (sure.middle, sure.worst))
         known = (
-            f"The lens is of the model {detection.fit.camera.lens.name}. Where the camera sees a "
+            f"The lens is of the model {detection.fit.camera.lens.called}. Where the camera sees a "
             f"far point is known to ± {middle} px in the middle of the picture, and to ± {worst} "
             "px where it is worst: if that part matters, take pictures with the board there"
         )

@@ -48,7 +48,7 @@ class LensChoice:
     @property
     def sentence(self) -> str:
         """Which it is, and by how much it predicts better than the others."""
-        lens = lens_in_words(self.lens)
+        lens = self.lens.called
         if not self.left_out:
             return (
                 f"Without a camera file, the lens is taken for {lens}: with fewer than {_LEAST} "
@@ -68,11 +68,6 @@ class LensChoice:
         return f"Without a camera file, the lens is taken for {lens}, {why}: error {own:.3f} px" + (
             f" ({others})." if others else "."
         )
-
-
-def lens_in_words(lens: Lens) -> str:
-    """Its name, and the one that users say."""
-    return f"{lens.name} (fisheye)" if lens is EQUIDISTANT else lens.name
 
 
 def camera_alone(

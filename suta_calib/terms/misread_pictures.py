@@ -134,8 +134,8 @@ def _other_lenses(pictures: BoardPictures) -> Iterator[tuple[BoardPictures, Samp
         yield (
             replace(pictures, camera=other),
             SamplesError(
-                f"corners as a lens of the model {lens.name} shows them, with these numbers",
-                f"those of {camera.lens.name}, as the camera's file says",
+                f"corners as a lens of the model {lens.called} shows them, with these numbers",
+                f"those of {camera.lens.called}, as the camera's file says",
                 hint="correct distortion_model in the camera's file",
             ),
         )

@@ -116,7 +116,7 @@ REFUSED = {
     ),
     "fisheye": (
         FILE.replace("plumb_bob", "fisheye"),
-        "found 5 coefficients for the distortion model equidistant; expected 4: .*"
+        "found 5 coefficients for the distortion model equidistant \\(fisheye\\); expected 4: .*"
         "5 coefficients are those of plumb_bob: correct distortion_model",
     ),
     "eight numbers": (

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -15,7 +16,14 @@ from suta_calib.arrays import FloatArray
 from suta_calib.errors import SamplesError
 from suta_calib.geometry.lens import EQUIDISTANT, LENSES, PLUMB_BOB, RATIONAL, Lens
 from suta_calib.geometry.numbers import rotation_from_vector, vector_turning_z_to
-from suta_calib.measurements import Camera, Chessboard, corners_of, write_board, write_corners
+from suta_calib.measurements import (
+    Camera,
+    Chessboard,
+    Corners,
+    corners_of,
+    write_board,
+    write_corners,
+)
 from suta_calib.pose_calibration.pictures import View
 from suta_calib.terms.hand_eye_start import inverse_poses
 from suta_calib.terms.lens_choice import camera_alone
@@ -108,3 +116,34 @@ def test_hand_eye_says_which_lens_it_took(tmp_path: Path, capsys: Capture) -> No
     said = json.loads(capsys.readouterr().out)
     assert said["camera"]["distortion_model"] == "equidistant"
     assert said["camera"]["lens_left_out_rms_px"] is None
+
+
+def mirrored(corners: Corners) -> Corners:
+    return replace(corners, pixel=corners.pixel * [-1.0, 1.0] + [1279.0, 0.0])
+
+
+FISHEYE = Camera(1280, 960, np.array(TRUE["equidistant"], dtype=float), lens=EQUIDISTANT)
+
+
+@pytest.mark.parametrize(
+    ("given", "change", "said"),
+    [
+        (
+            Camera(1280, 960, np.append(FISHEYE.intrinsics, 0.0)),
+            lambda corners: corners,
+            r"a lens of the model equidistant \(fisheye\)",
+        ),
+        (FISHEYE.resized(2.0), lambda corners: corners, "pictures of about 1280 x 960 px"),
+        (FISHEYE.resized(0.5), lambda corners: corners, "a corner in the picture, which is 640 x"),
+        (FISHEYE, mirrored, "the pictures are mirrored"),
+    ],
+    ids=["plumb_bob", "smaller", "larger", "mirrored"],
+)
+def test_a_fisheye_file_that_is_wrong_is_named(
+    given: Camera, change: Callable[[Corners], Corners], said: str
+) -> None:
+    scene = seen_by(EQUIDISTANT)
+    (view,) = scene.views
+    wrong = replace(view, camera=given, corners=change(view.corners))
+    with pytest.raises(SamplesError, match=said):
+        solved(Pictures(scene.hand, (wrong,)))
