@@ -73,7 +73,7 @@ class Sort:
 
 @dataclass(eq=False)
 class _Exact:
-    """A `Resimulation` without noise; ``reached`` says which touches the arm can make."""
+    """A `Resimulation` without noise; ``reached`` says what the arm can touch, or the eye see."""
 
     kinematics: InverseKinematics
     random: np.random.Generator
@@ -91,6 +91,8 @@ class _Exact:
     ) -> PoseSource:
         if ideal.pixels is not None:
             return poses.with_samples(replace(poses.samples, pixels=ideal.pixels))
+        if ideal.sighted is not None:
+            self.reached = ideal.sighted
         again = replace(
             poses.samples,
             position=ideal.position,
@@ -280,8 +282,8 @@ class RichData:
     ) -> tuple[Term, dict[str, float]]:
         kind, random = sort.kind, np.random.default_rng(0)
         touches = kind.medium == "touch"
-        # What is not in a picture is looked at wherever it is.
-        n = math.ceil(PLACES * ROWS / (kind.chance if kind.columns.pixels else 1.0))
+        # So many that enough of them are in sight.
+        n = math.ceil(PLACES * ROWS / kind.chance)
         place, row = np.divmod(np.arange(n) % (PLACES * ROWS), ROWS)
         artefact = _artefact(oriented=sort.oriented)
         columns = (*kind.columns.labels, *([kind.mark] if sort.marked else []))
@@ -326,7 +328,7 @@ class RichData:
         exact = _Exact(chain.kinematics, random)
         ideal = term.resimulated(values, [0.0] * len(term.blocks), exact)
         if exact.reached is not None:
-            ideal = ideal.take(exact.reached)
+            ideal = ideal.take(np.flatnonzero(exact.reached)[: PLACES * ROWS])
         pixels = ideal.poses.samples.pixels
         if pixels is not None:
             in_sight = np.flatnonzero(np.isfinite(pixels).any(axis=(1, 2)))

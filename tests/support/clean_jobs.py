@@ -70,7 +70,9 @@ def shaken(exact: Term, random: np.random.Generator) -> tuple[Term, Term]:
         flicker = 2e-4 * random.standard_normal(samples.q.shape)
         noisy = replace(samples, q=samples.q + flicker * read)
     else:
-        noise = 1e-4 * random.standard_normal(samples.position.shape)
+        # As a term believes that rows scatter: those of a depth camera by their distance.
+        sigma = 1e-4 * exact.blocks[0].relative
+        noise = sigma * random.standard_normal(samples.position.shape)
         noisy = replace(samples, position=samples.position + noise)
         if samples.rotation is not None:
             turn = rotation_from_vector(1e-3 * random.standard_normal((len(samples), 3)))

@@ -44,6 +44,10 @@ WORDS = {
 CAMERAS = {
     "camera_view": {"hand_eye": "camera in tip", "target": "board in base"},
     "camera_view beside": {"hand_eye": "camera in base", "target": "board in tip"},
+    "points": {"hand_eye": "camera in tip"},
+    "points on the tip": {"hand_eye": "camera in base"},
+    "points of a board": {"hand_eye": "camera in tip", "target": "board in base"},
+    "points that state their noise": {"hand_eye": "camera in tip"},
 }
 
 
