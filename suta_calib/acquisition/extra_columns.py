@@ -41,13 +41,13 @@ class ExtraColumns:
 
     def refusal(self, average: Average) -> str:
         """Why the numbers of a rest cannot be used; empty where they can."""
-        for name, found in average.extra.items():
-            if found.share < _USABLE:
+        for name, mean_and_std in average.extra.items():
+            if mean_and_std.share < _USABLE:
                 return (
-                    f"{1.0 - found.share:.0%} of the readings of {name} are no numbers, or far "
-                    "from the others. Check the sensor and its cable"
+                    f"{1.0 - mean_and_std.share:.0%} of the readings of {name} are no numbers, or "
+                    "far from the others. Check the sensor and its cable"
                 )
-        scatter = np.array([found.std for found in average.extra.values()])
+        scatter = np.array([mean_and_std.std for mean_and_std in average.extra.values()])
         if len(self._scatter) >= _KNOWN:
             usual = np.median(self._scatter, axis=0)
             # A rest between two steps of a coarse sensor scatters, and one on a step does not.

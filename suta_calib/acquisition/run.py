@@ -55,8 +55,8 @@ class Run:
         # It goes on after the last confirmed one.
         for row, (labels, angles) in enumerate(file.rows):
             following = range(self.index, len(plan.stations))
-            own = self._of_plan(labels)
-            place = next((k for k in following if plan.stations[k].labels == own), None)
+            of_plan = self._of_plan(labels)
+            place = next((k for k in following if plan.stations[k].labels == of_plan), None)
             if self.seating is not None:
                 self.seating.put(labels["landmark"], angles)
             if place is not None:

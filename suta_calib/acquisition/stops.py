@@ -231,9 +231,9 @@ class StopFinder:
             return [Rejected("crept", self._names(crept))]
         average = self._average(window)
         if refusal := self._refusal(average):
-            told, window.refused = window.refused, True
+            already, window.refused = window.refused, True
             window.clear()
-            return [] if told else [Rejected(refusal)]
+            return [] if already else [Rejected(refusal)]
         window.complete = True
         return [Complete(average)]
 

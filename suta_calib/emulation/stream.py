@@ -60,8 +60,8 @@ def device_of(
             of the joints, a joint that slides where angles are sent, or a format of joints only.
     """
     if extra_columns and not FORMATS[form].extra_columns:
-        others = " or ".join(name for name, other in FORMATS.items() if other.extra_columns)
-        raise InputError(f"{form} with {', '.join(extra_columns)}", others, where="format")
+        capable = " or ".join(name for name, other in FORMATS.items() if other.extra_columns)
+        raise InputError(f"{form} with {', '.join(extra_columns)}", capable, where="format")
     if (refused := FORMATS[form].refusal(unit, counts_per_turn)) is not None:
         description = f"{form} with {counts_per_turn} counts per turn, in {unit}"
         raise InputError(description, refused[1], where=refused[0])
@@ -78,8 +78,8 @@ def device_of(
     if len(chosen) != len(arm.joints):
         raise InputError(f"{len(chosen)} signs", f"{len(arm.joints)}, one per joint")
     joints = tuple(map(JointSpec, arm.joints, chosen))
-    own = tuple(extra_columns)
-    return DeviceSpec(Path("device.yaml"), "", baudrate, form, unit, counts_per_turn, joints, own)
+    extra = tuple(extra_columns)
+    return DeviceSpec(Path("device.yaml"), "", baudrate, form, unit, counts_per_turn, joints, extra)
 
 
 def device_text(device: DeviceSpec) -> str:

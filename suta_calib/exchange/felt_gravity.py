@@ -167,11 +167,11 @@ class GravityLog:
         """
         postures = _Postures.read(Path(given.text(POSTURES)), given)
         rests, how = self._matched(postures, given)
-        kept = [k for k, rest in enumerate(rests) if rest is not None]
+        numbers = [k for k, rest in enumerate(rests) if rest is not None]
         complete = [rest for rest in rests if rest is not None]
         means = np.array([rest.angles for rest in complete]) * self.usual
         scatter = np.array([_scatter(rest) for rest in complete])
-        columns: dict[str, NDArray[Any]] = {n: v[kept] for n, v in postures.columns.items()}
+        columns: dict[str, NDArray[Any]] = {n: v[numbers] for n, v in postures.columns.items()}
         columns |= _columns(means)
         columns["std_deg"] = deg(scatter)
         columns["time"] = np.array([rest.end for rest in complete])

@@ -78,22 +78,22 @@ def ball_in(points: FloatArray, radius: float) -> Ball | None:
         return None
     tree = KDTree(points)
     votes = _votes(points, tree, radius)
-    found = [
+    candidates = [
         fit
         for centre in _full_places(votes, radius)
         if (fit := _fitted(points, tree, centre, radius)) is not None
     ]
     # Those that are as large as they should be first; then those with the most points.
-    found.sort(key=lambda ball: (not ball.fits(radius), -ball.points))
+    candidates.sort(key=lambda ball: (not ball.fits(radius), -ball.points))
     distinct = list[Ball]()
-    for ball in found:
+    for ball in candidates:
         if all(np.linalg.norm(ball.centre - b.centre) > radius for b in distinct):
             distinct.append(ball)
     if not distinct:
         return None
     best, *others = distinct
-    alike = [ball.points for ball in others if ball.fits(radius) == best.fits(radius)]
-    rival = max(alike, default=0) / best.points
+    equal = [ball.points for ball in others if ball.fits(radius) == best.fits(radius)]
+    rival = max(equal, default=0) / best.points
     return replace(best, rival=rival)
 
 
@@ -179,8 +179,8 @@ def _judged(
     inside = tree.query_ball_point(centre, radius - 4.0 * max(rms, 0.01 * radius))
     if rms > _ROUGH * radius or reach > _REACH or len(inside) > _INSIDE * len(on):
         return None
-    alike = _alike(points[on], off)
-    covariance = np.asarray(rms**2 * alike * np.linalg.inv(away.T @ away), dtype=np.float64)
+    inliers = _alike(points[on], off)
+    covariance = np.asarray(rms**2 * inliers * np.linalg.inv(away.T @ away), dtype=np.float64)
     # With the radius free: what other ball would fit as well?
     columns = np.column_stack([away, np.ones(len(on))])
     solved = np.linalg.lstsq(columns, off, rcond=None)[0]

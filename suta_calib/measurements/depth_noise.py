@@ -78,16 +78,16 @@ class DepthNoise(Displayable):
             None where there are too few points to tell.
         """
         depths, spreads, counts = list[float](), list[tuple[float, float]](), list[int]()
-        for on_board, seen in pictures:
-            count = len(seen)
+        for on_board, in_camera in pictures:
+            count = len(in_camera)
             if count < FEWEST_POINTS:
                 continue
-            R, p = register_points(on_board, seen)
-            left = np.einsum("nji,nj->ni", ray_axes(seen), seen - on_board @ R.T - p)
+            R, p = register_points(on_board, in_camera)
+            left = np.einsum("nji,nj->ni", ray_axes(in_camera), in_camera - on_board @ R.T - p)
             # The six unknowns of the pose took their share.
             share = np.sqrt(3 * count / (3 * count - 6))
             by_axis = _robust_sigma(left) * share
-            depths.append(float(np.median(seen[:, 2])))
+            depths.append(float(np.median(in_camera[:, 2])))
             spreads.append((float(np.hypot(*by_axis[:2])) / np.sqrt(2.0), float(by_axis[2])))
             counts.append(count)
         if not depths:

@@ -114,10 +114,10 @@ def seen_size(pictures: Sequence[tuple[FloatArray, FloatArray]]) -> tuple[float,
     one picture alone the standard deviation is infinite.
     """
     sizes = []
-    for on_board, seen in pictures:
-        R, _ = register_points(on_board, seen)
+    for on_board, in_camera in pictures:
+        R, _ = register_points(on_board, in_camera)
         about = on_board - on_board.mean(axis=0)
-        sizes.append(float(np.sum((about @ R.T) * seen) / np.sum(about**2)))
+        sizes.append(float(np.sum((about @ R.T) * in_camera) / np.sum(about**2)))
     if not sizes:
         return None
     spread = float(np.std(sizes, ddof=1)) if len(sizes) > 1 else np.inf

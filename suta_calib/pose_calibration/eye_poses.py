@@ -29,7 +29,7 @@ def unknowns_of(model: Model) -> tuple[Unknown, ...]:
     return ("X", "Z") if model == "AX=ZB" else ("X",)
 
 
-class Accuracy:
+class PoseAccuracy:
     """How well a pose is known, in words.
 
     Attributes:
@@ -60,7 +60,7 @@ class Accuracy:
         return float(displaced), float(turned)
 
 
-class EyePoses(Accuracy):
+class EyePoses(PoseAccuracy):
     """X and Z of an answer.
 
     Attributes:

@@ -114,12 +114,12 @@ def calibrate_hand_eye(
     A, B = checked_pairs(hand, seen, setup)
     if model not in get_args(Model):
         raise ParameterError(f"model {model!r}", f"one of {', '.join(get_args(Model))}")
-    found = fit_loops(A, B, Sight.of_one(len(A[1])), setup, robust=robust, seed=seed, rule=rule)
+    fitted = fit_loops(A, B, Sight.of_one(len(A[1])), setup, robust=robust, seed=seed, rule=rule)
     return HandEyeCalibration(
         model=model,
-        X=homogeneous(found.X[0][0], found.X[1][0]),
-        Z=homogeneous(found.Z[0][0], found.Z[1][0]),
-        **found.attributes,
+        X=homogeneous(fitted.X[0][0], fitted.X[1][0]),
+        Z=homogeneous(fitted.Z[0][0], fitted.Z[1][0]),
+        **fitted.attributes,
         setup=setup,
         rule=rule,
     )

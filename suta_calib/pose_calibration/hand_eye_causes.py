@@ -209,14 +209,14 @@ def refuse_exchanged(
     best: tuple[float, int, str, int, int] = (0.0, 0, "", 0, 0)
     for late, half in enumerate(np.array_split(np.arange(count), 2)):
         X, Z = poses_by(A, B, together, half)
-        own = loop_errors(A, B, X, Z, together)
-        units = [max(float(np.median(np.linalg.norm(e[half], axis=1))), 1e-9) for e in own]
+        errors = loop_errors(A, B, X, Z, together)
+        units = [max(float(np.median(np.linalg.norm(e[half], axis=1))), 1e-9) for e in errors]
         for role, names in (("eye", sight.eyes), ("target", sight.targets)):
             for a, b in combinations(range(len(names)), 2):
                 swapped = _exchanged(together, role, a, b, np.arange(count))
                 other = loop_errors(A, B, X, Z, swapped)
                 # What is gained by an exchange of all rows before, or from, each row on.
-                sums = np.cumsum([0.0, *(_squared(own, units) - _squared(other, units))])
+                sums = np.cumsum([0.0, *(_squared(errors, units) - _squared(other, units))])
                 total = sums if late else sums[-1] - sums
                 row = int(np.argmax(total))
                 best = max(best, (float(total[row]), row, role, a, b))

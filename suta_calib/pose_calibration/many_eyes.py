@@ -14,7 +14,7 @@ from suta_calib.arrays import BoolArray, FloatArray, IntArray
 from suta_calib.assessment import Assessment, judged
 from suta_calib.geometry.numbers import homogeneous, rms_length, skew
 from suta_calib.measurements.pose_files import PosePairs
-from suta_calib.pose_calibration.eye_poses import Accuracy, Unknown
+from suta_calib.pose_calibration.eye_poses import PoseAccuracy, Unknown
 from suta_calib.pose_calibration.inputs import error_context
 from suta_calib.pose_calibration.loop_answer import LoopAnswer
 from suta_calib.pose_calibration.loop_fit import checked_pairs, fit_loops
@@ -31,7 +31,7 @@ NAMED: Final = 6
 
 
 @dataclass(frozen=True, eq=False)
-class FoundPose(Accuracy):
+class FoundPose(PoseAccuracy):
     """The pose of one eye, or of one target.
 
     Attributes:
@@ -160,10 +160,10 @@ class ManyEyesCalibration(LoopAnswer):
         if objection := self._inverted:
             bad.append(objection)
         (bad if len(self.notes) > 1 else caution).extend(self.notes)
-        known = listed([f"eye {eye.name}: {eye.within}" for eye in self.eyes], NAMED)
+        accuracies = listed([f"eye {eye.name}: {eye.within}" for eye in self.eyes], NAMED)
         agreed = self.agreed("pairs", f"{deg(self.rms_angle):.3f}°")
         return Assessment.of(
-            "" if bad else f"{known} (one standard deviation, 3-D); {agreed}",
+            "" if bad else f"{accuracies} (one standard deviation, 3-D); {agreed}",
             bad=bad,
             care=[*caution, *self.set_aside("pairs", self.inliers), *self.notes_on_rows("pairs")],
             facts=[*self._about_the_graph],
@@ -172,8 +172,8 @@ class ManyEyesCalibration(LoopAnswer):
     @property
     def _losing(self) -> Iterator[str]:
         """Eyes and targets most of whose rows were left out."""
-        for role, found in (("eye", self.eyes), ("target", self.targets)):
-            for one in found:
+        for role, poses in (("eye", self.eyes), ("target", self.targets)):
+            for one in poses:
                 lost = len(one.rows) - one.inliers
                 if lost > 0.4 * len(one.rows):
                     yield (
@@ -263,14 +263,14 @@ def calibrate_many_eyes(
     """
     A, B = checked_pairs(hand, seen, setup)
     sight = Sight.of(len(A[1]), eye, target)
-    found = fit_loops(A, B, sight, setup, robust=robust, seed=seed, rule=rule)
+    fitted = fit_loops(A, B, sight, setup, robust=robust, seed=seed, rule=rule)
     return ManyEyesCalibration(
         sight=sight,
-        X=np.array([homogeneous(*pose) for pose in zip(*found.X, strict=True)]),
-        Z=np.array([homogeneous(*pose) for pose in zip(*found.Z, strict=True)]),
+        X=np.array([homogeneous(*pose) for pose in zip(*fitted.X, strict=True)]),
+        Z=np.array([homogeneous(*pose) for pose in zip(*fitted.Z, strict=True)]),
         setup=setup,
         rule=rule,
-        **found.attributes,
+        **fitted.attributes,
     )
 
 

@@ -26,9 +26,9 @@ def pictures_with_proof(answer: PictureCalibration) -> PictureCalibration:
     answer.
     """
     failed = list[str]()
-    found = attempt("proven: where the answer started", lambda: _proof(answer), None, failed)
-    told = [] if found is None or found.good else [found.sentence]
-    return replace(answer, optimality=found, notes=(*answer.notes, *told, *failed))
+    start = attempt("proven: where the answer started", lambda: _proof(answer), None, failed)
+    told = [] if start is None or start.good else [start.sentence]
+    return replace(answer, optimality=start, notes=(*answer.notes, *told, *failed))
 
 
 def _proof(answer: PictureCalibration) -> PictureOptimality:

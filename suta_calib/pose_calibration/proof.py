@@ -53,11 +53,13 @@ A = TypeVar("A", bound=RobustAnswer)
 def with_proof(answer: A) -> A:
     """The same answer with what is proven of it; that nothing is where the proof fails."""
     failed = list[str]()
-    found = attempt("proven: that the answer is the best", lambda: _proof(answer), None, failed)
-    if found is None:
+    optimality = attempt(
+        "proven: that the answer is the best", lambda: _proof(answer), None, failed
+    )
+    if optimality is None:
         return replace(answer, unjudged=(*answer.unjudged, *failed))
-    told = () if found.certified else (found.sentence,)
-    return replace(answer, optimality=found, unjudged=(*answer.unjudged, *told))
+    told = () if optimality.certified else (optimality.sentence,)
+    return replace(answer, optimality=optimality, unjudged=(*answer.unjudged, *told))
 
 
 def _proof(answer: RobustAnswer) -> Optimality:
@@ -84,13 +86,13 @@ def _of_poses(
     least /= len(solution.sigmas)
     bound = best_rotations(problem.turning, rotations, least)
     best = problem.placed(bound.rotations)
-    own = problem.cost(rotations, places)
+    answer_cost = problem.cost(rotations, places)
     turned = vector_from_rotation(np.swapaxes(bound.rotations, 1, 2) @ rotations)
     start = np.hstack([best, vector_from_rotation(bound.rotations)]).reshape(-1)
     return Optimality(
         what=what,
         gap=bound.below / max(bound.cost, least),
-        answer_gap=max(own - bound.cost + bound.below, 0.0) / max(own, least),
+        answer_gap=max(answer_cost - bound.cost + bound.below, 0.0) / max(answer_cost, least),
         moved=length * _farthest(best - places),
         turned=_farthest(turned),
         reached=leads_to(solution, start),
@@ -204,12 +206,12 @@ def _linear(
 
 def _weighed(parts: list[FloatArray], y: FloatArray, solution: Solution, term: Term) -> FloatArray:
     """Rows of each block (n, d, c) in units of their noise, with Huber's weights at y."""
-    found = []
+    minima = []
     for part, sigma, block in zip(parts, solution.sigmas, term.blocks, strict=True):
         size = np.linalg.norm(part @ y, axis=1)
         weight = np.sqrt(np.minimum(1.0, block.noise.huber / np.maximum(size, 1e-300)))
-        found.append((part * (weight / sigma)[:, None, None]).reshape(-1, len(y)))
-    return np.vstack(found)
+        minima.append((part * (weight / sigma)[:, None, None]).reshape(-1, len(y)))
+    return np.vstack(minima)
 
 
 def leads_to(solution: Solution, start: FloatArray) -> bool:

@@ -308,18 +308,18 @@ def noise_made_directions(fit: RobustFit, noise: RobotNoise, eye: int = 0) -> li
     jacobian = np.vstack([r.jacobian for r in rows]) @ np.linalg.inv(tangent_of_poses(x))
     information = jacobian.T @ jacobian
     own = np.arange(6 * eye, 6 * eye + 6)
-    others = np.setdiff1d(np.arange(len(x)), own)
+    of_rest = np.setdiff1d(np.arange(len(x)), own)
     follow = np.zeros((len(x), 6))
     follow[own] = np.eye(6)
-    follow[others] = (
-        -scaled_inverse(information[np.ix_(others, others)]) @ (information[np.ix_(others, own)])
+    follow[of_rest] = (
+        -scaled_inverse(information[np.ix_(of_rest, of_rest)]) @ (information[np.ix_(of_rest, own)])
     )
     of_eye = follow.T @ information @ follow
     place, turned = sigmas
     of_hand = noise.lever.at_most * turned**2
     made = np.zeros((6, 6))
-    seen = np.bincount(together.target[fit.inliers], minlength=together.targets)
-    for count, first in zip(seen, range(6 * together.eyes, len(x), 6), strict=True):
+    rows_of_target = np.bincount(together.target[fit.inliers], minlength=together.targets)
+    for count, first in zip(rows_of_target, range(6 * together.eyes, len(x), 6), strict=True):
         # What the point on a target moves by at which noise of places and of turns is independent.
         R = rotation_from_vector(x[first + 3 : first + 6])
         lever = -R @ noise.lever.in_target

@@ -198,8 +198,8 @@ def robust_fit(
         remaining = again
     # Chance of what rows that are kept stand out by, above which it is not worth a word.
     remarkable = least < 0.2 and remaining is not fit
-    kept = remaining.inliers & ~fit.inliers
-    return replace(remaining, suspects=kept) if remarkable else remaining
+    regained = remaining.inliers & ~fit.inliers
+    return replace(remaining, suspects=regained) if remarkable else remaining
 
 
 def _misfit(fit: RobustFit, sigmas: Sequence[float]) -> FloatArray:

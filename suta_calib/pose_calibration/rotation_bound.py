@@ -79,8 +79,8 @@ class PoseSquares:
         if not first:
             return turning
         axes, values, _ = np.linalg.svd(moving, full_matrices=False)
-        told = axes[:, values > ROUNDING * values[0]]
-        return np.asarray(turning - told @ (told.T @ turning))
+        determined = axes[:, values > ROUNDING * values[0]]
+        return np.asarray(turning - determined @ (determined.T @ turning))
 
     def placed(self, rotations: FloatArray) -> FloatArray:
         """Positions (p, 3) that fit rotations (k, 3, 3) best."""
@@ -136,7 +136,7 @@ def best_rotations(jacobian: FloatArray, start: FloatArray, least: float = 0.0) 
     bound = bounded(jacobian, descended(jacobian, start))
     if bound.proven(least, TIGHT):
         return bound
-    found, trouble = (
+    solved, trouble = (
         bound,
         (
             f"{len(start)} rotations are too many for the semidefinite program, and multipliers in "
@@ -154,9 +154,9 @@ def best_rotations(jacobian: FloatArray, start: FloatArray, least: float = 0.0) 
             lowest = max(b.cost - b.below for b in bounds)
             best = min(bounds, key=lambda b: b.cost)
             below = max(best.cost - lowest, 0.0)
-            found = Bound(best.rotations, best.cost, below, program=True)
+            solved = Bound(best.rotations, best.cost, below, program=True)
             trouble = "the convex relaxation has a lower minimum than any rotations that were found"
-    return found if found.proven(least) else replace(found, trouble=trouble)
+    return solved if solved.proven(least) else replace(solved, trouble=trouble)
 
 
 def descended(jacobian: FloatArray, start: FloatArray) -> FloatArray:
@@ -247,7 +247,7 @@ def _equations() -> FloatArray:
     cross product of the other two.
     """
     number = np.arange(9).reshape(3, 3)
-    found = []
+    minima = []
     for entries in (number.T, number):
         for i in range(3):
             for j in range(i, 3):
@@ -255,7 +255,7 @@ def _equations() -> FloatArray:
                 A[entries[i], entries[j]] += 0.5
                 A[entries[j], entries[i]] += 0.5
                 A[9, 9] = -float(i == j)
-                found.append(A)
+                minima.append(A)
     for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
         for a, b, c in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
             # Component a of column i times column j is that of column k.
@@ -263,8 +263,8 @@ def _equations() -> FloatArray:
             A[number[b, i], number[c, j]] = 1.0
             A[number[c, i], number[b, j]] = -1.0
             A[number[a, k], 9] = -1.0
-            found.append((A + A.T) / 2.0)
-    return np.array(found)
+            minima.append((A + A.T) / 2.0)
+    return np.array(minima)
 
 
 def _at(rotation: int, count: int) -> FloatArray:
@@ -310,12 +310,12 @@ def _made_stationary(
     """Multipliers nearest to given ones with which M y vanishes, as far as it can."""
     y = stacked_turns(rotations)
     left = jacobian.T @ (jacobian @ y) - _pulled(multipliers, y)
-    found = multipliers.copy()
+    improved = multipliers.copy()
     for j in range(len(rotations)):
         at = _at(j, len(rotations))
         pulls = (_equations() @ y[at])[:, :9]
-        found[j] += np.linalg.lstsq(pulls.T, left[at[:9]], 1e-9)[0]
-    return found
+        improved[j] += np.linalg.lstsq(pulls.T, left[at[:9]], 1e-9)[0]
+    return improved
 
 
 def _program(jacobian: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -58,7 +58,7 @@ class Sight:
         Raises:
             SamplesError: another number of labels than rows, or an empty label.
         """
-        found = []
+        groups = []
         for role, given in (("eye", eye), ("target", target)):
             labels = np.full(count, ONLY) if given is None else np.asarray(given).astype(np.str_)
             if labels.shape != (count,):
@@ -66,8 +66,8 @@ class Sight:
                 raise SamplesError(f"labels of shape {labels.shape}", expected, where=role)
             for row in np.flatnonzero(labels == ""):
                 raise SamplesError("an empty label", "a label", where=f"{role}[{row}]")
-            found.append(grouped(labels))
-        (eyes, of_eye), (targets, of_target) = found
+            groups.append(grouped(labels))
+        (eyes, of_eye), (targets, of_target) = groups
         together = SeenTogether(of_eye, of_target, len(eyes), len(targets))
         return cls(together, tuple(eyes), tuple(targets))
 

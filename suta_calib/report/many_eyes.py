@@ -12,7 +12,7 @@ from suta_calib.arrays import FloatArray
 from suta_calib.geometry.numbers import rms_length, rpy_from_rotation
 from suta_calib.measurements.pose_files import PosePairs
 from suta_calib.model.parameters import PLACEMENT
-from suta_calib.pose_calibration.eye_poses import FRAMES, Accuracy, Unknown
+from suta_calib.pose_calibration.eye_poses import FRAMES, PoseAccuracy, Unknown
 from suta_calib.pose_calibration.many_eyes import FoundPose, ManyEyesCalibration
 from suta_calib.report.document import Document, Figure, Part
 from suta_calib.report.hand_eye import CALIBRATION, NAME
@@ -91,12 +91,12 @@ PAIRS: Final = Listing[SeenPair](
 
 
 @dataclass(frozen=True, eq=False)
-class EyeToEye(Accuracy):
+class EyeToEye(PoseAccuracy):
     """Pose ``T_first_name`` (4, 4) of an eye in the first one, m.
 
     Attributes:
         name: of the eye.
-        std6: as of `Accuracy`.
+        std6: as of `PoseAccuracy`.
     """
 
     name: str
@@ -132,18 +132,18 @@ def many_eyes_document(calibration: ManyEyesCalibration, data: PosePairs) -> Doc
     sides = {"X": calibration.eyes, "Z": calibration.targets}
     order = [
         f"{side}[{one.name}].{key}"
-        for side, found in sides.items()
-        for one in found
+        for side, poses in sides.items()
+        for one in poses
         for key in PLACEMENT
     ]
     record: Json = {
         "setup": calibration.setup,
         "model": "AX=ZB",
-        **{side: {one.name: one.pose for one in found} for side, found in sides.items()},
+        **{side: {one.name: one.pose for one in poses} for side, poses in sides.items()},
         "frames": {name: frames[name] for name in calibration.unknowns},
         "std": {
-            side: {one.name: pose_std_record(one.std6) for one in found}
-            for side, found in sides.items()
+            side: {one.name: pose_std_record(one.std6) for one in poses}
+            for side, poses in sides.items()
         },
         "eyes": {one.name: _record(one) for one in calibration.eyes},
         "targets": {one.name: _record(one) for one in calibration.targets},
@@ -172,10 +172,10 @@ def found_tables(calibration: ManyEyesCalibration) -> Iterator[Table]:
         ("X", calibration.eyes),
         ("Z", calibration.targets),
     )
-    for name, found in sides:
+    for name, poses in sides:
         _, base, what = frames[name].split("_")
         title = f"{name} = {frames[name]}: each {what} in the {base}, {calibration.setup}"
-        yield FOUND.of(found, title)
+        yield FOUND.of(poses, title)
 
 
 def _record(one: FoundPose) -> Json:

@@ -251,7 +251,8 @@ def summed(rows: FloatArray, group: IntArray, count: int) -> FloatArray:
 
 def flat(matrices: FloatArray) -> FloatArray:
     """Matrices (n, r, c) as rows (n, r·c), column by column, as CasADi reshapes."""
-    return np.swapaxes(matrices, 1, 2).reshape(len(matrices), -1)
+    n, r, c = matrices.shape
+    return np.swapaxes(matrices, 1, 2).reshape(n, r * c)
 
 
 def norm(vector: Symbol) -> Symbol:

@@ -169,7 +169,7 @@ class HandEye(InstrumentTerm):
 
     def owners(self, poses: PoseSource) -> tuple[Owners, Owners]:
         """Owners of the poses of eyes and of targets, and which of them each pose looks at."""
-        labels, found = poses.samples.labels, list[Owners]()
+        labels, owners = poses.samples.labels, list[Owners]()
         of_all = self.label, self.target_label or self.label
         for frame, column, label in zip(self.frames, LABELS, of_all, strict=True):
             names, which = (
@@ -178,8 +178,8 @@ class HandEye(InstrumentTerm):
                 else ([label], np.zeros(len(poses), dtype=np.intp))
             )
             ends = [labelled(frame.owner, poses.label(name, frame.end)) for name in names]
-            found.append(Owners(ends, which))
-        return found[0], found[1]
+            owners.append(Owners(ends, which))
+        return owners[0], owners[1]
 
     @cached_property
     def seen_together(self) -> SeenTogether:

@@ -184,23 +184,23 @@ def _by_equations(
     eyes, targets = together.eyes, together.targets
     # Transposed: vec(A X B) = (A ⊗ Bᵀ) vec(X), row by row.
     products = np.einsum("n,nij,nlk->njlik", weight, A, B).reshape(-1, 9, 9)
-    mixed, own = np.zeros((eyes, targets, 9, 9)), np.zeros(eyes + targets)
+    mixed, diagonal = np.zeros((eyes, targets, 9, 9)), np.zeros(eyes + targets)
     np.add.at(mixed, (together.eye, together.target), products)
-    np.add.at(own, together.eye, weight)
-    np.add.at(own, eyes + together.target, weight)
+    np.add.at(diagonal, together.eye, weight)
+    np.add.at(diagonal, eyes + together.target, weight)
     # In units of how often each is seen: the largest of the mixed part is the least of all.
-    root = 1.0 / np.sqrt(np.maximum(own, 1e-12))
+    root = 1.0 / np.sqrt(np.maximum(diagonal, 1e-12))
     scale = root[:eyes, None, None, None] * root[None, eyes:, None, None]
     matrix = (scale * mixed).transpose(0, 2, 1, 3)
-    found = np.tile(np.eye(3), (targets, 1, 1))
+    rotations = np.tile(np.eye(3), (targets, 1, 1))
     of_eyes, of_targets = together.parts
     for part in np.unique(of_targets[of_targets >= 0]):
         e, t = np.flatnonzero(of_eyes == part), np.flatnonzero(of_targets == part)
         block = matrix[e][:, :, t].reshape(9 * len(e), 9 * len(t))
         right = np.linalg.svd(block)[2][0]
         turns = right.reshape(-1, 3, 3) * root[eyes + t, None, None]
-        found[t] = nearest_rotation(turns * np.sign(np.linalg.det(turns).sum() or 1.0))
-    return found
+        rotations[t] = nearest_rotation(turns * np.sign(np.linalg.det(turns).sum() or 1.0))
+    return rotations
 
 
 def _rotations(
@@ -223,9 +223,9 @@ def _means(rotations: FloatArray, which: IntArray, before: FloatArray) -> FloatA
     """Chordal means of the rows of each; as they were before of what has none."""
     total = np.zeros_like(before)
     np.add.at(total, which, rotations)
-    seen = np.unique(which)
+    numbers = np.unique(which)
     means = before.copy()
-    means[seen] = nearest_rotation(total[seen])
+    means[numbers] = nearest_rotation(total[numbers])
     return means
 
 

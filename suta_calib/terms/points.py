@@ -240,10 +240,10 @@ class DepthPoints(FramedTerm):
         """
         if self.board is None or not self.board.symmetric or not self._posed:
             return self
-        seen = np.array([register_points(*pair)[0] for pair in self._pictures])
+        turns = np.array([register_points(*pair)[0] for pair in self._pictures])
         first = np.array([rows[0] for rows in self._posed])
         hand, _ = as_eye_in_hand(self.poses.at({}), self.setup)
-        turned = np.flatnonzero(half_turned(hand[first], seen, seen @ HALF_TURN))
+        turned = np.flatnonzero(half_turned(hand[first], turns, turns @ HALF_TURN))
         if not len(turned):
             return self
         samples = self.poses.samples
@@ -340,13 +340,13 @@ class DepthPoints(FramedTerm):
         (eye, board), (its_eye, its_board) = self.frame_names, other.frame_names
         both = self.board is not None and other.board is not None
         if eye == its_eye and self.setup != other.setup:
-            found, whose = f"setup: {self.setup} beside {other.setup}", "label"
+            problem, whose = f"setup: {self.setup} beside {other.setup}", "label"
         elif both and board == its_board and self._row(self) != self._row(other):
-            found, whose = "another board than in an earlier row with the same target", "target"
+            problem, whose = "another board than in an earlier row with the same target", "target"
         else:
             return
         hint = f"write the same in both rows, or give the second one another {whose}"
-        raise self.refuse(found, "one camera and one board per label", hint)
+        raise self.refuse(problem, "one camera and one board per label", hint)
 
     @staticmethod
     def _row(term: CameraView | DepthPoints) -> Mapping[str, Any]:
@@ -396,8 +396,8 @@ class DepthPoints(FramedTerm):
             return np.tile(np.mean([*self.board.points.values()], axis=0), (len(which), 1))
         places = []
         for name in names:
-            known = name.isdecimal() and int(name) in self.board.points
-            if not known:
+            is_number = name.isdecimal() and int(name) in self.board.points
+            if not is_number:
                 raise self.refuse(
                     f"point {name!r}" if name else "no column point",
                     f"{self.board.numbering} ({self.board.type})",
@@ -429,11 +429,11 @@ class DepthPoints(FramedTerm):
     @cached_property
     def _scatter(self) -> tuple[FloatArray, FloatArray]:
         """Axes (n, 3, 3) in which coordinates scatter by themselves, and (n, 3) by how much, m."""
-        stated, seen = self.poses.samples.position_sigma, self._measured
+        stated, measured = self.poses.samples.position_sigma, self._measured
         if stated is not None:
-            return np.tile(np.eye(3), (len(seen), 1, 1)), stated
+            return np.tile(np.eye(3), (len(measured), 1, 1)), stated
         assert self.weights is not None
-        return ray_axes(seen), self.weights.sigmas(seen[:, 2])
+        return ray_axes(measured), self.weights.sigmas(measured[:, 2])
 
     @cached_property
     def blocks(self) -> tuple[Block, ...]:
@@ -469,17 +469,17 @@ class DepthPoints(FramedTerm):
         Without a column point, the middle of all that are known.
         """
         labels = poses.samples.labels.get(self.mark)
-        known = self._places(values)
+        places = self._places(values)
         if labels is None:
-            points = np.tile(np.mean([*known.values()], axis=0), (len(poses), 1))
+            points = np.tile(np.mean([*places.values()], axis=0), (len(poses), 1))
         else:
             names, which = grouped(labels)
-            points = np.array([known[name] for name in names])[which]
+            points = np.array([places[name] for name in names])[which]
         eye = pose_named(values, self.frame_names[0])
-        seen = points_in_eye(poses.at(values), eye, points, self.setup)
-        ahead = seen[:, 2] > np.linalg.norm(seen[:, :2], axis=1) / _EDGE
-        sigma = None if self.depth_noise is None else self.depth_noise.sigmas(seen[:, 2])
-        return Observed(seen, axes=self._axes_at(seen), sigma=sigma, sighted=ahead)
+        in_camera = points_in_eye(poses.at(values), eye, points, self.setup)
+        ahead = in_camera[:, 2] > np.linalg.norm(in_camera[:, :2], axis=1) / _EDGE
+        sigma = None if self.depth_noise is None else self.depth_noise.sigmas(in_camera[:, 2])
+        return Observed(in_camera, axes=self._axes_at(in_camera), sigma=sigma, sighted=ahead)
 
     def _places(self, values: Mapping[str, float]) -> dict[str, FloatArray]:
         """By name, where all points are that these values know, in what carries them, m."""
@@ -519,9 +519,9 @@ class DepthPoints(FramedTerm):
 
     def _by_pictures(self, carrier: Poses) -> tuple[Poses, Poses]:
         registered = [register_points(*pair) for pair in self._pictures]
-        seen = np.array([R for R, _ in registered]), np.array([p for _, p in registered])
+        poses_seen = np.array([R for R, _ in registered]), np.array([p for _, p in registered])
         first = np.array([rows[0] for rows in self._posed])
-        return agreeing_hand_eye(some_poses(carrier, first), seen)
+        return agreeing_hand_eye(some_poses(carrier, first), poses_seen)
 
     # ── what is refused, or doubted ───────────────────────────────────────────────────────────
     def check_enough(self) -> None:
@@ -543,9 +543,9 @@ class DepthPoints(FramedTerm):
                 )
         away = float(np.median(np.linalg.norm(self._measured, axis=1)))
         if isinstance(self.poses, ArmPoses) and not NEAR <= away <= FAR:
-            seen = self._measured
+            measured = self._measured
             expected = "the points' positions in the camera, in m"
-            check_unit(self, "the points", extent(seen), extent, expected, SEEN_UNIT)
+            check_unit(self, "the points", extent(measured), extent, expected, SEEN_UNIT)
 
     def _check_size(self) -> None:
         """Refuse points that lie apart as no points of this board do."""
@@ -574,10 +574,10 @@ class DepthPoints(FramedTerm):
     def doubts(self) -> Mapping[str, Level]:
         """Points behind the camera or beside it; a board of another size than its file says."""
         doubts: dict[str, Level] = dict.fromkeys(self._turned_too_little(), "care")
-        seen = self._measured
-        ahead = seen[:, 2] > np.linalg.norm(seen[:, :2], axis=1) / 2.0
+        measured = self._measured
+        ahead = measured[:, 2] > np.linalg.norm(measured[:, :2], axis=1) / 2.0
         if ahead.mean() < 0.5:
-            x_ahead = seen[:, 0] > np.linalg.norm(seen[:, 1:], axis=1) / 2.0
+            x_ahead = measured[:, 0] > np.linalg.norm(measured[:, 1:], axis=1) / 2.0
             looks = (
                 "They look like a camera's body axes (x ahead, y left, z up), as ROS has them "
                 "beside the optical ones"
@@ -596,9 +596,9 @@ class DepthPoints(FramedTerm):
             if abs(times - 1.0) > max(1e-3, 4.0 * std):
                 doubts[
                     f"The camera sees the board {abs(times - 1.0):.2%} ± {std:.2%} too "
-                    f"{'large' if times > 1 else 'small'}. At {_away(seen):.0f} mm that is "
-                    f"{abs(times - 1.0) * _away(seen):.2g} mm. Either its depth has another scale, "
-                    "or the squares of the board have another size: measure the board."
+                    f"{'large' if times > 1 else 'small'}. At {_away(measured):.0f} mm that is "
+                    f"{abs(times - 1.0) * _away(measured):.2g} mm. Either its depth has another "
+                    "scale, or the squares of the board have another size: measure the board."
                 ] = "care"
         return doubts
 
@@ -670,13 +670,13 @@ def _with_points(poses: PoseSource, points: SeenPoints) -> PoseSource:
             SutaCalibWarning,
             stacklevel=2,
         )
-    row, seen = np.array(pairs, dtype=np.intp).T
+    row, point_row = np.array(pairs, dtype=np.intp).T
     samples = poses.samples.take(row)
     samples = replace(
         samples,
-        position=points.position[seen],
-        position_sigma=None if points.sigma is None else points.sigma[seen],
-        labels={**samples.labels, "point": points.point[seen]},
-        origin=[points.origin(k) for k in seen.tolist()],
+        position=points.position[point_row],
+        position_sigma=None if points.sigma is None else points.sigma[point_row],
+        labels={**samples.labels, "point": points.point[point_row]},
+        origin=[points.origin(k) for k in point_row.tolist()],
     )
     return poses.take(row).with_samples(samples)

@@ -140,8 +140,8 @@ def _not_converged(
 
 def _foremost(fewer: CalibrationExamination) -> Finding | None:
     """What is said before all that it would be taken for; None where nothing is."""
-    found = fewer.strongest_cause
-    return found if found is not None and found.hypothesis.before_others else None
+    cause = fewer.strongest_cause
+    return cause if cause is not None and cause.hypothesis.before_others else None
 
 
 def _cause(examined: CalibrationExamination, foremost: Finding | None = None) -> list[str]:

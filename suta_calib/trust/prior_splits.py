@@ -127,9 +127,9 @@ def prior_splits(
 
     def moves(at: Sequence[int], steps: FloatArray) -> float:
         columns = [rich.names.index(problem.names[k]) for k in at]
-        whole = np.zeros((steps.shape[1], len(rich.names)))
-        whole[:, columns] = steps.T
-        return math.hypot(*(rich.registered(step / rich.unit) for step in whole))
+        directions = np.zeros((steps.shape[1], len(rich.names)))
+        directions[:, columns] = steps.T
+        return math.hypot(*(rich.registered(step / rich.unit) for step in directions))
 
     # What the same observations would leave in postures all over, in standard deviations before.
     spread = np.sqrt([prior[problem.names.index(name)] for name in rich.names]) / rich.unit
@@ -139,7 +139,7 @@ def prior_splits(
     left = np.linalg.pinv(information, hermitian=True)
 
     before = moves([*zeros], np.diag(np.sqrt(prior[[*zeros]])))
-    found = []
+    splits = []
     for at, (open_steps, told) in split.items():
         tip = moves(at, open_steps)
         if tip < WORTH * before:
@@ -152,7 +152,7 @@ def prior_splits(
         factors = factors / factors[np.argmax(np.abs(factors))]
         # Directions that are told within the combination, and not by others beside it.
         single = np.count_nonzero(sizes > 0.5) == 1
-        found.append(
+        splits.append(
             PriorSplit(
                 *(names, zeros[at[0]], tuple(stds.tolist())),
                 dict(zip(names, factors.tolist(), strict=True)) if single else {},
@@ -162,7 +162,7 @@ def prior_splits(
                 bool(np.linalg.eigvalsh(left[np.ix_(columns, columns)])[-1] < INFORMED),
             )
         )
-    return tuple(found)
+    return tuple(splits)
 
 
 def _groups(projector: FloatArray) -> Iterator[IntArray]:

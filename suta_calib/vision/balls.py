@@ -123,8 +123,8 @@ def find_balls(
         except BaseException:
             pool.shutdown(cancel_futures=True)
             raise
-    found = [(each, each.ball) for each in searched if each.ball is not None]
-    if not found:
+    balls = [(each, each.ball) for each in searched if each.ball is not None]
+    if not balls:
         raise SamplesError(
             f"{searched[0].reason} in any cloud",
             "the ball as half a sphere or more, towards the camera",
@@ -133,12 +133,12 @@ def find_balls(
             "in the camera's own frame, with the camera at the origin",
         )
     points = SeenPoints(
-        np.array([each.image for each, _ in found]),
-        np.array([each.name for each, _ in found]),
-        np.array([ball.centre for _, ball in found]),
-        np.array([ball.sigma for _, ball in found]),
+        np.array([each.image for each, _ in balls]),
+        np.array([each.name for each, _ in balls]),
+        np.array([ball.centre for _, ball in balls]),
+        np.array([ball.sigma for _, ball in balls]),
     )
-    sentence = f"{len(found)} of {len(searched)} balls found in {len(clouds)} clouds."
+    sentence = f"{len(balls)} of {len(searched)} balls found in {len(clouds)} clouds."
     return BallSearch(
         len(clouds), searched, points, Assessment.of(sentence, care=_notes(searched, radii))
     )
@@ -164,9 +164,9 @@ def _notes(searched: Sequence[SearchedCloud], radii: Mapping[str, float]) -> lis
         )
     for name, radius in radii.items():
         balls = [e.ball for e in searched if e.name == name and e.ball is not None]
-        others = [ball.radius for ball in balls if not ball.fits(radius)]
-        if others and 2 * len(others) >= len(balls):
-            middle, std = (float(np.median(values)) for values in np.transpose(others))
+        other_radii = [ball.radius for ball in balls if not ball.fits(radius)]
+        if other_radii and 2 * len(other_radii) >= len(balls):
+            middle, std = (float(np.median(values)) for values in np.transpose(other_radii))
             notes.append(
                 f"Ball {name} looks like one of radius {mm(middle):.4g} ± {mm(std):.2g} mm, not "
                 f"{mm(radius):.4g} mm: its centre is then off along the ray by about "

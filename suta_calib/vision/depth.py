@@ -91,15 +91,15 @@ def find_depth(pictures: Sequence[PictureFile], folder: Path) -> dict[str, Path]
     by_key: dict[str, list[Path]] = {}
     for file in files:
         by_key.setdefault(_key(file.stem), []).append(file)
-    found = {p.name: by_key.get(_key(p.path.stem), []) for p in pictures}
-    for name, mine in found.items():
+    depths = {p.name: by_key.get(_key(p.path.stem), []) for p in pictures}
+    for name, mine in depths.items():
         if len(mine) > 1:
             raise InputError(
                 f"several files of depth for {name}: {listed([f.name for f in mine], 3)}",
                 "one for each picture, with its name",
                 file=folder,
             )
-    paired = {name: mine[0] for name, mine in found.items() if mine}
+    paired = {name: mine[0] for name, mine in depths.items() if mine}
     if not paired:
         raise InputError(
             f"depth called {files[0].name} and pictures called {pictures[0].name}",
@@ -144,14 +144,14 @@ def read_depth(path: Path, step: float | None = None) -> FloatArray:
             file=path,
             hint="it looks like depth that was coloured to be looked at: save the depth itself",
         )
-    whole = raw.dtype.kind in "ui"
+    integers = raw.dtype.kind in "ui"
     depth = raw.astype(float)
     # The largest number stands for what is too far.
     none = ~np.isfinite(depth) | (depth <= 0)
-    if whole:
+    if integers:
         none |= raw == np.iinfo(raw.dtype).max
     depth[none] = np.nan
-    return np.asarray(depth * ((1e-3 if whole else 1.0) if step is None else step))
+    return np.asarray(depth * ((1e-3 if integers else 1.0) if step is None else step))
 
 
 def _decoded(data: bytes) -> Any:
@@ -252,8 +252,8 @@ def corners_in_depth(
     grid = np.round(at).astype(np.intp)[:, None] + window
     inside = np.all((grid >= 0) & (grid < depth.shape[::-1]), axis=2)
     u, v = np.moveaxis(np.where(inside[..., None], grid, 0), -1, 0)
-    found = np.where(inside, depth[v, u], np.nan)
-    there = np.isfinite(found)
+    at_pixel = np.where(inside, depth[v, u], np.nan)
+    there = np.isfinite(at_pixel)
     rays = camera.undistort((grid + 0.5) / scale - 0.5)
     corner_rays = camera.undistort(pixels)
     for k in range(count):
@@ -262,7 +262,7 @@ def corners_in_depth(
             continue
         rows = there[k] & np.isfinite(rays[k]).all(axis=1)
         about = rays[k][rows] - corner_rays[k]
-        inverse, used = _plane_at_zero(about, 1.0 / found[k][rows])
+        inverse, used = _plane_at_zero(about, 1.0 / at_pixel[k][rows])
         if not (inverse > 0 and _surrounded(about[used])):
             reasons[k] = "the depth about them is no plane around the corner"
             continue
@@ -274,9 +274,9 @@ def _spacing(pixels: FloatArray) -> float:
     """Way from a corner to the next one, px: of the middle corner."""
     if len(pixels) < 2:
         return 2.0 * _RADII[1]
-    apart = np.linalg.norm(pixels[:, None] - pixels, axis=2)
-    np.fill_diagonal(apart, np.inf)
-    return float(np.median(apart.min(axis=1)))
+    distances = np.linalg.norm(pixels[:, None] - pixels, axis=2)
+    np.fill_diagonal(distances, np.inf)
+    return float(np.median(distances.min(axis=1)))
 
 
 def _plane_at_zero(about: FloatArray, inverse: FloatArray) -> tuple[float, BoolArray]:

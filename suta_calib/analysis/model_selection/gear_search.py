@@ -50,18 +50,18 @@ class FoundRatio:
 
 def found_ratios(answer: CalibrationExamination) -> tuple[FoundRatio, ...]:
     """Ratios of gears that nobody stated, the most evident first; none of most arms."""
-    joints, found = _joints(answer), list[FoundRatio]()
+    joints, ratios = _joints(answer), list[FoundRatio]()
     fit = _geometry_follows(answer)
     columns = {joint: _columns(answer, joint) for joint in joints}
-    while left := [joint for joint in joints if joint not in {f.joint for f in found}]:
+    while left := [joint for joint in joints if joint not in {f.joint for f in ratios}]:
         weighed = [_weigh(fit, joint, columns[joint], len(joints)) for joint in left]
         best = min(weighed, key=lambda ratio: ratio.chance)
         if not best.chance < _LEVEL:
             break
-        found.append(best)
+        ratios.append(best)
         k = 2 * int(best.ratio - RATIOS[0])
         fit = fit.beside(columns[best.joint][:, k : k + 2])
-    return tuple(found)
+    return tuple(ratios)
 
 
 def _joints(answer: CalibrationExamination) -> list[str]:
@@ -119,18 +119,18 @@ def _weigh(fit: LinearFit, joint: str, columns: FloatArray, joints: int) -> Foun
     score = np.einsum("mri,m->ri", weighted, fit.settled)
     # A ripple that is the same at all readings is an offset, and tells nothing.
     least, most = np.moveaxis(np.linalg.eigvalsh(information), 1, 0)
-    told = least > 1e-3 * max(float(most.max()), 1e-300)
+    determined = least > 1e-3 * max(float(most.max()), 1e-300)
     gain = np.zeros(len(RATIOS))
-    gain[told] = np.einsum(
-        "ri,rij,rj->r", score[told], np.linalg.inv(information[told]), score[told]
+    gain[determined] = np.einsum(
+        "ri,rij,rj->r", score[determined], np.linalg.inv(information[determined]), score[determined]
     )
     k = int(np.argmax(gain))
     freedom = fit.rows - fit.spent - len(RIPPLE)
-    if freedom < 1.0 or not told[k]:
+    if freedom < 1.0 or not determined[k]:
         return FoundRatio(joint, int(RATIOS[k]), 1.0, ())
     noise = max(fit.squares - gain[k], 1e-12 * fit.squares, 1e-300) / freedom
-    alike = RATIOS[told & (gain > gain[k] - _AS_GOOD * noise)].tolist()
-    ratio = next((usual for usual in USUAL if usual in alike), int(RATIOS[k]))
+    as_good = RATIOS[determined & (gain > gain[k] - _AS_GOOD * noise)].tolist()
+    ratio = next((usual for usual in USUAL if usual in as_good), int(RATIOS[k]))
     # Rows that share a touch err together: by squares and by the scatter from touch to touch.
     variance = fit.score_variance(left[:, k], fit.settled)
     by_touch = float(score[k] @ np.linalg.pinv(variance, hermitian=True) @ score[k])
@@ -138,6 +138,6 @@ def _weigh(fit: LinearFit, joint: str, columns: FloatArray, joints: int) -> Foun
     chance = max(
         float(fdtrc(2, freedom, gain[k] / 2.0 / noise)), float(fdtrc(2, touches, by_touch / 2.0))
     )
-    tried = joints * int(told.sum())
-    others = tuple(other for other in alike if other != ratio)
-    return FoundRatio(joint, ratio, min(1.0, tried * chance), others)
+    tried = joints * int(determined.sum())
+    rivals = tuple(other for other in as_good if other != ratio)
+    return FoundRatio(joint, ratio, min(1.0, tried * chance), rivals)

@@ -308,10 +308,10 @@ class Design(Displayable):
         bread, filling = np.linalg.inv(curvature + one), variance + one
         met = np.eye(basis.shape[2]) + own @ (back @ (bread @ basis))
         if self.criterion == "d":
-            apart = back @ np.linalg.solve(filling, basis)
+            solved = back @ np.linalg.solve(filling, basis)
             logarithm = np.linalg.slogdet(bread @ filling @ bread)[1]
             logarithm = logarithm - 2.0 * np.linalg.slogdet(met)[1]
-            logarithm += np.linalg.slogdet(np.eye(basis.shape[2]) + own_variance @ apart)[1]
+            logarithm += np.linalg.slogdet(np.eye(basis.shape[2]) + own_variance @ solved)[1]
             return np.asarray(0.5 * logarithm / self.arm_count)
         left = np.linalg.inv(met)
         less, spread = left @ own, bread @ filling @ bread

@@ -40,12 +40,12 @@ class LateClock(Hypothesis):
 
     def weigh(self, answer: Examination) -> list[Evidence]:
         """One for each term whose arm moved smoothly, each solved again alone."""
-        found = [
+        fitted = [
             self._late(answer, k, moving)
             for k, moving, _ in in_motion(answer)
             if moving.step is not None
         ]
-        return [evidence for evidence in found if evidence is not None]
+        return [evidence for evidence in fitted if evidence is not None]
 
     def _late(self, answer: Examination, k: int, moving: Moving) -> Evidence | None:
         """The time offset of a term, with what it explains; None where it cannot be estimated."""
