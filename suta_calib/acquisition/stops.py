@@ -200,7 +200,7 @@ class StopFinder:
         assert self._window is not None
         self._window.suspended = False
         if self._window.angles:
-            away = np.abs(wrap(look.angles - self._window.average().angles))
+            away = np.abs(wrap(look.angles - self._average(self._window).angles))
             # Where it is now is one moment of its tremor.
             if np.all(away <= self.settings.tremble + self._limit()):
                 return []

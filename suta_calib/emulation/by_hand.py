@@ -135,7 +135,8 @@ def swept_by_hand(
                 "a place where the tool can be tilted and lifted, far from a singular posture",
                 file=arm.chain.path,
                 where="sweep",
-                hint="move the point, start from another posture, or make the cone smaller",
+                hint="move the point (--point), start from another posture, or make the cone "
+                "smaller (--cone)",
             )
         return Curve(time, q)
 

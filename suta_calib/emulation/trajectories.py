@@ -194,7 +194,7 @@ def matching_of(arm: ArmModel) -> Matching:
             f"an arm with {joints} joints",
             f"at least {fewest_joints} joints: with fewer, the tool cannot be tilted about a point",
             file=arm.chain.path,
-            where="pivot",
+            where="motion",
         )
     return "axis" if joints == fewest_joints else "pose"
 
@@ -219,6 +219,7 @@ def reached(
         f"{off})",
         "a point about which the tip can be tilted",
         file=kinematics.arm.chain.path,
-        where="pivot",
-        hint="move the point, start from another posture, or make the cone smaller",
+        where="motion",
+        hint="move the point (--point), start from another posture, or make the cone smaller "
+        "(--cone)",
     )

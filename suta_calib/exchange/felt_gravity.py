@@ -104,7 +104,11 @@ class GravityLog:
         """
         complete = np.flatnonzero(np.isfinite(acceleration).all(axis=1) & np.isfinite(time))
         if not len(complete):
-            raise ForeignFileError("no complete row", "times and accelerations", file=path)
+            columns = {"time": time, **dict(zip(("ax", "ay", "az"), acceleration.T, strict=True))}
+            empty = [name for name, values in columns.items() if not np.isfinite(values).any()]
+            missing = f": {listed(empty)} without any number" if empty else ""
+            expected = "times and accelerations along x, y and z"
+            raise ForeignFileError(f"no complete row{missing}", expected, file=path)
         # More than any sensor tells in any unit; its square must stay a number.
         for row in complete[np.abs(acceleration[complete]).max(axis=1) > _MOST][:1].tolist():
             found, line = (

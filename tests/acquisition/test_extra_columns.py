@@ -55,6 +55,14 @@ def test_a_rest_has_the_mean_and_the_scatter_of_its_numbers() -> None:
         assert number.share > 0.95
 
 
+def test_a_pause_of_the_stream_does_not_end_a_rest() -> None:
+    readings, _ = stream()
+    paused = [r if r.time < 0.3 else replace(r, time=r.time + 2.0) for r in readings]
+    (complete,) = events(paused)
+    assert isinstance(complete, Complete)
+    assert list(complete.average.extra) == list(COLUMNS)
+
+
 def test_single_readings_that_are_no_numbers_or_far_off_do_no_harm() -> None:
     values = 9.81 + 0.03 * np.random.default_rng(0).standard_normal(300)
     clean = mean_number(values).mean
