@@ -54,24 +54,27 @@ def rendered(answer: document.Document, *, verbose: bool = False) -> RenderableT
     parts: list[RenderableType] = [*_verdict(answer.assessment, headline)]
     shown = answer.shown("console", *(("detail", "verbose") if verbose else ()))
     most = 25
-    room, more = math.inf if verbose or answer.whole else most, list[str]()
+    room, more, rows = math.inf if verbose or answer.whole else most, list[str](), 0
     for part in shown:
         if isinstance(part, document.Text):
             parts.append(_paragraph(part))
         elif isinstance(part, listing.Table):
             if len(part.cells) > room:
-                more.append(part.title)
                 # The first table's rows are the answer; of another its last may be the outcome.
                 if room < most:
+                    more.append(part.title)
                     continue
+                rows = len(part.cells) - most
                 part = replace(part, cells=part.cells[:most])
             room -= len(part.cells)
             parts.append(FittedTable(part))
     if not verbose:
         more += [p.title for p in answer.parts if isinstance(p, listing.Table) and _hidden(p)]
+    hidden = [f"{rows} row{'s' * (rows > 1)} of the first table"] if rows else []
     if count := len([title for title in dict.fromkeys(more) if title]):
-        tables = "one table" if count == 1 else f"{count} tables"
-        parts.append(Wrapped(f"--verbose shows {tables} more.", style="dim"))
+        hidden.append("one table" if count == 1 else f"{count} tables")
+    if hidden:
+        parts.append(Wrapped(f"--verbose shows {' and '.join(hidden)} more.", style="dim"))
     return Group(*parts)
 
 
