@@ -82,6 +82,14 @@ def test_a_table_that_fits_is_a_table_and_one_that_does_not_is_lines() -> None:
     )
 
 
+def test_rows_that_are_not_shown_are_counted() -> None:
+    long = Document("long", "Long", Assessment("good"), [ROW.of(ROWS * 9), ROW.of(ROWS)])
+    text = io.StringIO()
+    Console(file=text, width=100).print(rendered(long))
+    assert text.getvalue().count("joint_") == 25
+    assert "--verbose shows 2 rows of the first table and one table more." in text.getvalue()
+
+
 def test_words_stand_below_their_row_before_a_table_is_given_up() -> None:
     """As many columns as it takes, the widest first; never numbers, and never the first."""
     given = "joint_1.offset, joint_2.offset and 17 more"
