@@ -61,7 +61,10 @@ REFUSED = {
     "5,000 digits": (("{table}", "--skip", "9" * 5000), f"--skip: found '{'9' * 39}…; expected"),
     "a column of 5,000 digits": (("{table}", "--columns", "9" * 5000 + "=x"), "no column '99"),
     "a guess": (("{table}", "--columns", "9=x"), "no column '9'"),
-    "another format's option": (("{table}", "--seconds", "2"), "option 'seconds' for the format"),
+    "another format's option": (
+        ("{table}", "--seconds", "2"),
+        "taken for table, which has no --seconds",
+    ),
     "an unknown format": (("{table}", "--format", "motiv"), "did you mean 'motive'"),
     "itself": (("{table}", "--out", "{table}"), "an input of the same command"),
     "a folder": (("{folder}",), "a folder of an unknown format"),
