@@ -226,17 +226,6 @@ def summed_by_member(score: FloatArray, members: IntArray, count: int) -> FloatA
     return sums
 
 
-def summed_by_pair(score: FloatArray, members: IntArray) -> FloatArray:
-    """Scores (n, w) summed over rows between the same members (n, k); empty where k is 1.
-
-    A sum over members counts them once for each (Cameron, Gelbach and Miller 2011).
-    """
-    if members.shape[1] == 1:
-        return np.zeros((0, score.shape[1]))
-    pair, count = grouped_rows(members)
-    return summed(score, pair, len(count))
-
-
 def _freed(by_touch: FloatArray, gain: FloatArray, members: IntArray) -> FloatArray:
     """Scores per touch multiplied by (I - YᵀY)^(-½), Y the touch's rows in units of the fit."""
     freed, n = by_touch.copy(), len(members)
