@@ -28,7 +28,7 @@ from suta_calib.measurements import (
 )
 from suta_calib.measurements.fields import Fields
 from suta_calib.measurements.marker_axes import markers_as_seen
-from suta_calib.model.parameters import PLACEMENT, End, Parameter
+from suta_calib.model.parameters import PLACEMENT, Parameter
 from suta_calib.terms.block import LEARNT, Block, Noise
 from suta_calib.terms.board_pictures import BoardPictures
 from suta_calib.terms.board_sight import BoardSight, OnePoint
@@ -41,6 +41,7 @@ from suta_calib.terms.external_frame import (
     pose_parameters,
     pose_values,
 )
+from suta_calib.terms.eye import carriers
 from suta_calib.terms.hand_eye_start import (
     EYE_IN_HAND,
     EYE_TO_HAND,
@@ -379,7 +380,7 @@ class CameraView(FramedTerm):
     @property
     def _labels(self) -> tuple[str, str]:
         """Of the camera and of the board, beside those of other chains."""
-        ends: tuple[End, End] = ("tip", "base") if self.setup == "eye-in-hand" else ("base", "tip")
+        ends = carriers(self.setup)
         return self.poses.label(self.label, ends[0]), self.poses.label(self.target, ends[1])
 
     @property
@@ -401,7 +402,7 @@ class CameraView(FramedTerm):
     def outside(self) -> tuple[ExternalFrame, ...]:
         """Camera and board: one of them in the base, the other in the tip."""
         eye, board = self.frame_names
-        of_eye, of_board = ("tip", "base") if self.setup == EYE_IN_HAND else ("base", "tip")
+        of_eye, of_board = carriers(self.setup)
         return (
             ExternalFrame(eye, "camera", of_eye, PLACEMENT),
             ExternalFrame(board, "board", of_board, PLACEMENT),

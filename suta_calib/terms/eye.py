@@ -6,8 +6,14 @@ import numpy as np
 
 from suta_calib.arrays import FloatArray
 from suta_calib.geometry.symbols import Symbol
+from suta_calib.model.parameters import End
 from suta_calib.terms.block import Pose
 from suta_calib.terms.hand_eye_start import EYE_IN_HAND, EYE_TO_HAND, EyeSetup, Poses, inverse_poses
+
+
+def carriers(setup: EyeSetup) -> tuple[End, End]:
+    """The end of the arm that carries the eye, and the one that carries what it sees."""
+    return ("tip", "base") if setup == EYE_IN_HAND else ("base", "tip")
 
 
 def point_in_eye(hand: Pose, eye: Pose, point: Symbol, setup: EyeSetup) -> Symbol:

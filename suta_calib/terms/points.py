@@ -35,7 +35,7 @@ from suta_calib.terms.external_frame import (
     pose_parameters,
     pose_values,
 )
-from suta_calib.terms.eye import point_in_eye, points_in_eye
+from suta_calib.terms.eye import carriers, point_in_eye, points_in_eye
 from suta_calib.terms.hand_eye_start import (
     EYE_IN_HAND,
     EYE_TO_HAND,
@@ -292,7 +292,7 @@ class DepthPoints(FramedTerm):
     @property
     def _ends(self) -> tuple[End, End]:
         """Of what carries the camera, and of what carries the points."""
-        return ("tip", "base") if self.setup == EYE_IN_HAND else ("base", "tip")
+        return carriers(self.setup)
 
     @property
     def mark_end(self) -> End:
