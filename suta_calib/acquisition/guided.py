@@ -7,7 +7,7 @@ import os
 import select
 import termios
 import tty
-from typing import Any, Final, Self
+from typing import Any, Final, Protocol, Self
 
 from suta_calib.acquisition.averaging import Average
 from suta_calib.acquisition.run import Run
@@ -88,6 +88,23 @@ class Guided:
         how = f"{run.plan.how}; " if run.plan.how else ""
         start = "" if run.last is None else "when the arm moves there and rests, it is recorded; "
         run.say(f"Bring the tip to {run.station.name} ({place}): {how}{start}{_WAITING}")
+
+
+class Keys(Protocol):
+    """Where keys come from; a context manager.
+
+    Attributes:
+        terminal: whether somebody is there, who may press one at any time.
+    """
+
+    terminal: bool
+
+    def __enter__(self) -> Self: ...
+
+    def __exit__(self, *_: object) -> None: ...
+
+    def key(self) -> str | None:
+        """The next key that was pressed; None for none."""
 
 
 class Keyboard:

@@ -13,7 +13,7 @@ from typing import Any, Literal
 
 from suta_calib.acquisition.continuous import Continuous, Swept, time_columns
 from suta_calib.acquisition.extra_columns import ExtraColumns
-from suta_calib.acquisition.guided import Guided, Keyboard
+from suta_calib.acquisition.guided import Guided, Keyboard, Keys
 from suta_calib.acquisition.raw import RawRecorder
 from suta_calib.acquisition.replay import RecordedStream, RecordingEnded
 from suta_calib.acquisition.rest import DEFAULT_REST, RestSettings
@@ -25,6 +25,14 @@ from suta_calib.acquisition.session import (
     StreamEvents,
     run_session,
     summary_lines,
+)
+from suta_calib.acquisition.session_events import (
+    ConsoleListener,
+    Listener,
+    Live,
+    Opened,
+    Said,
+    SessionEvent,
 )
 from suta_calib.acquisition.stops import StopFinder
 from suta_calib.acquisition.sweep_contact import Surface
@@ -39,12 +47,14 @@ from suta_calib.acquisition.touch_sequence import (
     touched,
 )
 from suta_calib.acquisition.unattended import Unattended
+from suta_calib.arrays import FloatArray
 from suta_calib.atomic import check_folder, check_outputs, only_writer
 from suta_calib.device.bus import Bus
 from suta_calib.device.description import DeviceSpec
 from suta_calib.device.device_file import read_device
 from suta_calib.device.formats import format_of
 from suta_calib.device.port_process import PortProcess
+from suta_calib.device.reading import Reading
 from suta_calib.display import Displayable
 from suta_calib.errors import InputError, MissingExtraError
 from suta_calib.inputs import UrdfFile
@@ -79,6 +89,8 @@ class MeasureOptions(Displayable):
         observation: which of the job's: a number, a name such as ``validation[0]``, or a kind.
         resume: go on after the last confirmed landmark.
         unattended: ask nothing: each rest after a motion is the next one.
+        attended: as unattended, but somebody follows it and may press keys; the first rest counts
+            once the arm has moved.
         patience: how long nothing may happen before it is given up, s; a minute where nobody
             is asked, for ever otherwise.
         raw: where the whole stream goes, as Parquet.
@@ -101,6 +113,7 @@ class MeasureOptions(Displayable):
     observation: str | None = None
     resume: bool = False
     unattended: bool = False
+    attended: bool = False
     patience: float | None = None
     raw: Path | None = None
     urdf: UrdfFile | None = None
@@ -166,8 +179,9 @@ def measure(
     *,
     say: Callable[[str], None] = print,
     show: Callable[[str], None] | None = None,
-    keyboard: Keyboard | None = None,
+    keyboard: Keys | None = None,
     port: PortProcess | None = None,
+    listen: Listener | None = None,
 ) -> Measured:
     """Wait until the arm rests on each landmark, record it, and write it to the samples file.
 
@@ -180,6 +194,7 @@ def measure(
         show: shows what the arm does at the moment, again and again, in place of the last.
         keyboard: where keys come from unless ``options.unattended``; standard input by default.
         port: the device's, where somebody has begun to open it; closed in the end.
+        listen: told all that happens, beside the console.
 
     Returns:
         What was measured; also after Ctrl-C, once the port was opened.
@@ -224,7 +239,9 @@ def measure(
         in_motion = options.continuous is not None
         columns = (*columns, *(time_columns(joints) if in_motion else spec.extra_columns))
         file = SamplesFile(out, joints, columns, plan.key, resume=options.resume)
-        session = _Session(options, plan, surface, spec, file, say, show)
+        listeners: list[Listener] = [ConsoleListener(say, show)]
+        listeners += [] if listen is None else [listen]
+        session = _Session(options, plan, surface, spec, file, listeners, quiet=show is not None)
         bus: Bus | RecordedStream
         bus = recording or Bus(spec, reconnect=True, on_event=session.note, port=port)
         return session.run(stack.enter_context(closing(bus)), choose, keyboard)
@@ -240,11 +257,14 @@ class _Session:
         surface: Surface | None,
         spec: DeviceSpec,
         file: SamplesFile,
-        say: Callable[[str], None],
-        show: Callable[[str], None] | None,
+        listeners: Sequence[Listener],
+        *,
+        quiet: bool,
     ) -> None:
         self._options, self._plan, self._spec, self._file = options, plan, spec, file
-        self._say, self._show = say, show
+        self._listeners = listeners
+        self._angles: FloatArray | None = None
+        self._heard = time.monotonic()
         self._events = StreamEvents()
         self._lines: list[str] = []
         self._run: Run | None = None
@@ -256,20 +276,33 @@ class _Session:
             if names := read_outline(options.job).unknowns:
                 unknowns = plan.arm.select(*names)
             self._sampler = self._finder = Continuous(
-                *(plan, file, say, options.continuous, options.every),
+                *(plan, file, self._say, options.continuous, options.every),
                 surface=surface,
                 unknowns=unknowns,
-                quiet=show is not None,
+                quiet=quiet,
             )
             return
         even = not format_of(spec).has_clock
         extra = ExtraColumns(spec.extra_columns, _kinds_over(spec.extra_columns), file.numbers)
         finder = StopFinder(plan.arm.joints, options.seconds, options.rest, even=even, extra=extra)
-        self._run = Run(plan, file, say)
+        self._run = Run(plan, file, self._say, self._tell_stations)
+        self._finder = finder
+        self._tell(Opened(plan, options.seconds))
+        self._tell_stations()
         # Nobody can answer as fast as a recording is read.
-        alone = options.unattended or options.recording is not None
-        kind = Unattended if alone else Guided
-        self._finder, self._sampler = finder, kind(self._run, finder, options.seconds)
+        if options.unattended or options.attended or options.recording is not None:
+            self._sampler = Unattended(
+                self._run, finder, options.seconds, attended=options.attended
+            )
+        else:
+            self._sampler = Guided(self._run, finder, options.seconds)
+
+    def _tell(self, event: SessionEvent) -> None:
+        for listener in self._listeners:
+            listener(event)
+
+    def _say(self, text: str) -> None:
+        self._tell(Said(text))
 
     def note(self, message: str) -> None:
         """Something went wrong with the device, and it went on."""
@@ -280,7 +313,7 @@ class _Session:
         self._say(message)
 
     def run(
-        self, bus: Bus | RecordedStream, choose: ArmReadings, keyboard: Keyboard | None
+        self, bus: Bus | RecordedStream, choose: ArmReadings, keyboard: Keys | None
     ) -> Measured:
         options = self._options
         if self._sampler.done:
@@ -312,7 +345,7 @@ class _Session:
                     self._finder,
                     self._sampler,
                     events=self._events,
-                    idle=lambda: self._idle(keyboard),
+                    idle=lambda reading: self._idle(keyboard, reading),
                     record=record,
                     patience=patience,
                 )
@@ -337,9 +370,11 @@ class _Session:
         first = out.with_suffix(".parquet")
         return next(path for path in (first, *islice(names, 1000)) if not path.exists())
 
-    def _idle(self, keyboard: Keyboard | None) -> None:
+    def _idle(self, keyboard: Keys | None, reading: Reading | None) -> None:
         """Between two reads: keys, and what the arm does."""
         sampler = self._sampler
+        if reading is not None:
+            self._angles, self._heard = reading.angles, time.monotonic()
         if isinstance(sampler, Continuous):
             self._idle_in_motion(sampler, keyboard)
             return
@@ -348,24 +383,34 @@ class _Session:
             key = keyboard.key() if keyboard.terminal or sampler.asking else None
             if key is not None:
                 sampler.press(key)
+        elif isinstance(sampler, Unattended) and keyboard is not None and keyboard.terminal:
+            while (key := keyboard.key()) is not None:
+                sampler.press(key)
         finder, run = self._finder, self._run
-        if self._show is None or not isinstance(finder, StopFinder):
-            return
+        assert isinstance(finder, StopFinder)
         doing = f"resting {finder.recorded:.1f} of {self._options.seconds:g} s"
         if not finder.resting:
             doing = "moving"
         elif isinstance(sampler, Guided) and sampler.asking:
             doing = "resting, waiting for a key"
-        self._show(doing if run is None or run.done else f"{doing} · next: {run.station.name}")
+        if run is not None and not run.done:
+            doing += f" · next: {run.station.name}"
+        silence = time.monotonic() - self._heard
+        self._tell(Live(doing, self._angles, finder.resting, finder.recorded, silence))
 
-    def _idle_in_motion(self, sampler: Continuous, keyboard: Keyboard | None) -> None:
+    def _tell_stations(self) -> None:
+        """Which are measured."""
+        if self._run is not None:
+            self._tell(self._run.state)
+
+    def _idle_in_motion(self, sampler: Continuous, keyboard: Keys | None) -> None:
         """A key may end a sweep; how far it is, is shown once a second."""
         if keyboard is not None and keyboard.terminal and (key := keyboard.key()) is not None:
             sampler.press(key)
         now = time.monotonic()
-        if self._show is not None and now - self._shown > 1.0:
+        if now - self._shown > 1.0:
             self._shown = now
-            self._show(sampler.doing())
+            self._tell(Live(sampler.doing(), self._angles, False, 0.0, now - self._heard))
 
     def _conclude(self, bus: Bus | RecordedStream) -> None:
         """Also after Ctrl-C or a lost device: say what there is."""

@@ -19,6 +19,7 @@ import numpy as np
 from suta_calib.acquisition.averaging import Average
 from suta_calib.acquisition.rest import DEFAULT_REST
 from suta_calib.acquisition.seating_check import SeatingCheck
+from suta_calib.acquisition.session_events import Stations, StationState, StationStatus
 from suta_calib.acquisition.touch_sequence import Station, TouchSequence
 from suta_calib.arrays import FloatArray
 from suta_calib.errors import OutputError, SamplesError
@@ -36,6 +37,8 @@ TWISTS: Final = {"ccw": "counter-clockwise", "cw": "clockwise"}
 class Run:
     """The stations of a plan, and which of them have been measured.
 
+    Whenever that changes, ``changed`` is called.
+
     Attributes:
         index: number of the station that is next.
         skipped: names of stations that were left out.
@@ -43,8 +46,14 @@ class Run:
         last: (n,) readings of the sample confirmed last, rad, or None.
     """
 
-    def __init__(self, plan: TouchSequence, file: SamplesFile, say: Say) -> None:
-        self.plan, self.file, self.say = plan, file, say
+    def __init__(
+        self,
+        plan: TouchSequence,
+        file: SamplesFile,
+        say: Say,
+        changed: Callable[[], None] = lambda: None,
+    ) -> None:
+        self.plan, self.file, self.say, self._changed = plan, file, say, changed
         self.seating = None if plan.artefact is None else SeatingCheck(plan.arm, plan.artefact)
         self.skipped: list[str] = []
         self.notes: dict[str, str] = {}
@@ -87,6 +96,25 @@ class Run:
         """Names of the stations without a sample."""
         return tuple(s.name for k, s in enumerate(self.plan.stations) if k not in self._rows)
 
+    @property
+    def state(self) -> Stations:
+        """How far it is, for whoever follows it."""
+
+        def status(place: int, name: str) -> StationStatus:
+            if place == self.index:
+                return "next"
+            if place in self._rows:
+                return "taken"
+            return "skipped" if name in self.skipped else "open"
+
+        states = (
+            StationState(s.name, status(k, s.name), self.notes.get(s.name, ""))
+            for k, s in enumerate(self.plan.stations)
+        )
+        seating = self.seating
+        tips = {} if seating is None else dict(seating.tips)
+        return Stations(tuple(states), tips, None if seating is None else seating.placed())
+
     def confirm(self, average: Average, note: str = "", *, described: bool = True) -> None:
         """Write the sample of the next station, say so (and describe it), go on; as `put`."""
         station = self.station
@@ -106,11 +134,13 @@ class Run:
         if self.seating is not None:
             self.seating.put(station.labels["landmark"], average.angles)
         self.index += 1
+        self._changed()
 
     def skip(self) -> None:
         """Leave the next station out."""
         self.skipped.append(self.station.name)
         self.index += 1
+        self._changed()
 
     def rename(self, places: Sequence[int]) -> None:
         """Take this run's samples, in the file's order, for those of other stations.
@@ -129,12 +159,14 @@ class Run:
             self.seating.tips.clear()
             for labels, angles in self.file.rows:
                 self.seating.put(labels["landmark"], angles)
+        self._changed()
 
     def back(self) -> None:
         """Return to the station before; its sample stays until there is another one."""
         self.index = max(0, self.index - 1)
         name = self.station.name
         self.skipped = [skipped for skipped in self.skipped if skipped != name]
+        self._changed()
 
     def is_suspicious(self, average: Average) -> bool:
         """Whether the next station's distances would stand out."""

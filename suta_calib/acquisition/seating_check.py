@@ -22,6 +22,8 @@ from suta_calib.model.arm import ArmModel
 # many times better.
 ANOTHER: Final = 15e-3
 BETTER: Final = 3.0
+# As many landmarks can be told from others.
+CERTAIN: Final = 4
 
 
 class SeatingCheck:
@@ -56,10 +58,16 @@ class SeatingCheck:
         return float(measured - np.linalg.norm(certified[0] - certified[1]))
 
     def suspicious(self, landmark: str, angles: FloatArray) -> bool:
-        """Whether these distances stand out from those between the others."""
+        """Whether these distances, or the place, stand out from those of the others."""
         errors = self.distances(landmark, angles)
         if not errors:
             return False
+        # What is off across a plane of landmarks hardly shows in distances.
+        if len(errors) >= CERTAIN:
+            others = list(errors)
+            scatter = self.disagreement(others, [self.tips[name] for name in others])
+            if self.misfit(landmark, angles) > max(ANOTHER, 4.0 * scatter):
+                return True
         usual = [abs(self._error(a, self.tips[a], b)) for a, b in combinations(errors, 2)]
         # An arm before its calibration may be off by 10 mm without anything being wrong, and among
         # four landmarks never by 30 mm, however bad the other distances are.
@@ -78,16 +86,27 @@ class SeatingCheck:
 
     def misfit(self, landmark: str, angles: FloatArray) -> float:
         """How badly a landmark of this name would fit here, m; zero while nothing can be said."""
-        measured = [name for name in self.tips if name != landmark]
-        if len(measured) >= 3:
-            source = self._artefact.position_of(measured)
-            extent = np.linalg.svd(source - source.mean(axis=0), compute_uv=False)
-            if extent[1] > 0.1 * extent[0]:  # not on a line
-                R, p = register_points(source, np.array([self.tips[name] for name in measured]))
-                predicted = R @ self._artefact.landmark(landmark).position + p
-                return float(np.linalg.norm(self.tip(angles) - predicted))
+        placed = self.placed(without=landmark)
+        if placed is not None:
+            predicted = placed[list(self._artefact.landmarks).index(landmark)]
+            return float(np.linalg.norm(self.tip(angles) - predicted))
         errors = list(self.distances(landmark, angles).values())
         return float(np.sqrt(np.mean(np.square(errors)))) if errors else 0.0
+
+    def placed(self, without: str = "") -> FloatArray | None:
+        """(landmarks, 3) where the artefact's landmarks are by those measured, base frame, m.
+
+        None while fewer than three that are not on a line are measured, one not counted.
+        """
+        measured = [name for name in self.tips if name != without]
+        if len(measured) < 3:
+            return None
+        source = self._artefact.position_of(measured)
+        extent = np.linalg.svd(source - source.mean(axis=0), compute_uv=False)
+        if extent[1] <= 0.1 * extent[0]:  # on a line
+            return None
+        R, p = register_points(source, np.array([self.tips[name] for name in measured]))
+        return np.asarray(self._artefact.position_of(list(self._artefact.landmarks)) @ R.T + p)
 
     def disagreement(self, names: Sequence[str], tips: Sequence[FloatArray]) -> float:
         """RMS distance of tips from landmarks of these names, laid over each other, m."""
@@ -102,10 +121,6 @@ class SeatingCheck:
             return expected
         best = min(misfits, key=lambda name: misfits[name])
         return best if BETTER * misfits[best] < self.misfit(expected, angles) else expected
-
-
-# As many landmarks can be told from others.
-CERTAIN: Final = 4
 
 
 def likelier(

@@ -67,14 +67,15 @@ def run_session(
     sampler: Sampler,
     *,
     events: StreamEvents,
-    idle: Callable[[], None] = lambda: None,
+    idle: Callable[[Reading | None], None] = lambda _: None,
     record: Callable[[Sequence[Reading]], None] | None = None,
     patience: float = np.inf,
 ) -> bool:
     """Take samples until there is nothing left to take.
 
-    After every read ``record`` gets the readings as they came, with all joints, and ``idle`` looks
-    after keys and the screen. False where nothing happened for ``patience`` s.
+    After every read ``record`` gets the readings as they came, with all joints, and ``idle``, which
+    looks after keys and listeners, the latest one of the arm's joints, if any came. False where
+    nothing happened for ``patience`` s.
 
     Raises:
         DeviceError: as the source raises it.
@@ -88,7 +89,8 @@ def run_session(
         now = time.monotonic()
         if record is not None:
             record(readings)
-        stop_events = finder.feed(choose(readings))
+        chosen = choose(readings)
+        stop_events = finder.feed(chosen)
         for event in stop_events:
             if not sampler.done:
                 sampler.handle(event)
@@ -98,7 +100,7 @@ def run_session(
             first, last = first or readings[0], readings[-1]
             events.readings += len(readings)
             events.seconds = last.arrival - first.arrival
-        idle()
+        idle(chosen[-1] if chosen else None)
         if now - since > patience:
             sampler.finish()
             return sampler.done

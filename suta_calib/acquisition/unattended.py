@@ -1,4 +1,4 @@
-"""Measuring without anybody at the keyboard: rest after rest.
+"""Measuring without a key for each rest: rest after rest.
 
 Each rest that follows a motion is the next station. A stream that pauses may hide a motion, and who
 pauses on the way rests where no landmark is: then the next rest is not the next station any more.
@@ -11,6 +11,7 @@ from __future__ import annotations
 import numpy as np
 
 from suta_calib.acquisition.averaging import Average
+from suta_calib.acquisition.guided import ENTER
 from suta_calib.acquisition.run import Run
 from suta_calib.acquisition.seating_check import ANOTHER, CERTAIN, likelier
 from suta_calib.acquisition.stops import Complete, Ended, Event, Interrupted, Rejected, StopFinder
@@ -19,10 +20,19 @@ from suta_calib.geometry.numbers import wrap
 
 
 class Unattended:
-    """Takes stops as they come; each is recorded for ``seconds``."""
+    """Takes stops as they come; each is recorded for ``seconds``.
 
-    def __init__(self, run: Run, finder: StopFinder, seconds: float) -> None:
+    With ``attended``, somebody holds the arm and may press keys: no rest counts before the arm was
+    seen to move, as it may rest anywhere when the session begins.
+    """
+
+    def __init__(
+        self, run: Run, finder: StopFinder, seconds: float, *, attended: bool = False
+    ) -> None:
         self._run, self._finder, self._seconds = run, finder, seconds
+        self._unmoved, self._quit = attended, False
+        # What was asked for: the rest as it is now, or the last landmark once more.
+        self._at_once = self._again = False
         self._short: Average | None = None
         self._doubt = run.last is not None
         # Rows of an earlier run have their labels for good.
@@ -35,8 +45,28 @@ class Unattended:
 
     @property
     def done(self) -> bool:
-        """Whether every station has been visited."""
-        return self._run.done
+        """Whether every station has been visited, or the user has had enough."""
+        return self._quit or self._run.done
+
+    def press(self, key: str) -> None:
+        """React to a key: Enter takes this rest, r the last landmark again, s skips, q quits."""
+        run, finder = self._run, self._finder
+        if self.done:
+            return
+        if key == "q":
+            self._quit = True
+        elif key == "s":
+            run.say(f"{run.station.name} skipped")
+            run.skip()
+        elif key in ("r", "b"):
+            run.back()
+            # Seated anew before the key, or after it.
+            self._again = True
+            finder.restart()
+            run.say(f"{run.station.name} is taken again: lift the tip and seat it once more")
+        elif key == ENTER:
+            self._at_once = True
+            finder.restart()
 
     def handle(self, event: Event) -> None:
         """React to what the stream told."""
@@ -66,7 +96,7 @@ class Unattended:
         if self.done:
             return
         nowhere = 40e-3  # m; nobody seats so badly
-        if self._sure() and self._farthest_off(average) > nowhere:
+        if not self._at_once and self._sure() and self._farthest_off(average) > nowhere:
             self._doubt = True
             self._run.say(
                 "the arm rested where none of the remaining landmarks can be (next: "
@@ -79,6 +109,10 @@ class Unattended:
     def _is_next(self, average: Average) -> bool:
         """Whether the arm has been elsewhere since the last station, and is elsewhere now."""
         last = self._run.last
+        if self._at_once:
+            return True
+        if self._unmoved and average.way is None:
+            return False
         if last is None:
             return True
         moved = max(self._finder.excursion, _away(average.angles, last))
@@ -88,7 +122,7 @@ class Unattended:
         if seating is None or self._run.done or self._run.index == 0:
             return True
         repeated = stations[self._run.index - 1].labels == self._run.station.labels
-        if repeated or not seating.same_place(average.angles, last):
+        if self._again or repeated or not seating.same_place(average.angles, last):
             return True
         if not self._said_still:
             self._run.say(f"still on {stations[self._run.index - 1].name}: not counted again")
@@ -150,7 +184,8 @@ class Unattended:
 
     def _confirm(self, average: Average, note: str = "") -> None:
         run = self._run
-        if run.seating is not None and (self._doubt or self._sure()):
+        asked_for = self._at_once or self._again
+        if run.seating is not None and not asked_for and (self._doubt or self._sure()):
             # A motion may have been missed: it goes on to the landmark the arm really rests on.
             left = [station.name for station in run.left]
             landmark, missed = run.seating.which(left[0], left, average.angles), list[str]()
@@ -159,7 +194,7 @@ class Unattended:
                 run.skip()
             if missed:
                 run.say(f"missed {', '.join(missed)}: the distances show that this is {landmark}")
-        self._doubt = False
+        self._doubt = self._unmoved = self._at_once = self._again = False
         run.confirm(average, note)
         self._left(average.angles)
         if self._fresh:
