@@ -13,9 +13,10 @@ from numpy.typing import NDArray
 from suta_calib.errors import SamplesError, SutaCalibWarning
 from suta_calib.geometry.lens import LENSES, Lens, lens_called
 from suta_calib.measurements import Board, Corners, YamlSection, read_board, read_camera
-from suta_calib.measurements.fields import FILE, TEXT, Field, Fields, Value, choice, quantity
+from suta_calib.measurements.fields import FILE, Field, Fields, Value, choice, quantity
 from suta_calib.terms.block import Noise
-from suta_calib.terms.hand_eye_start import EYE_IN_HAND, EYE_TO_HAND
+from suta_calib.terms.eye_term import TARGET_KEY, setup_key
+from suta_calib.terms.hand_eye_start import EYE_IN_HAND
 from suta_calib.terms.poses import PoseSource
 from suta_calib.words import listed
 
@@ -54,17 +55,13 @@ CAMERA_KEYS: Final = (
         + ", ".join(" or ".join(filter(None, (n.name, *n.also[:1]))) for n in LENSES.values())
         + "; by default the one that predicts left-out pictures best.",
     ),
-    Field(
-        "setup",
-        choice((EYE_IN_HAND, EYE_TO_HAND)),
-        "eye-in-hand (the default), or eye-to-hand: the board on the tip.",
-    ),
+    setup_key("board"),
     Field(
         "intrinsics",
         choice(("fixed", "free")),
         "fixed (the default beside a camera), or free: the camera is estimated too.",
     ),
-    Field("target", TEXT, "Label of the board, where there are several."),
+    TARGET_KEY,
     Field("sigma_px", quantity("px", "positive"), "Standard deviation of a corner's coordinate."),
     Field(
         "huber_px",

@@ -28,7 +28,7 @@ from suta_calib.measurements import (
 )
 from suta_calib.measurements.fields import Fields
 from suta_calib.measurements.marker_axes import markers_as_seen
-from suta_calib.model.parameters import PLACEMENT, Parameter
+from suta_calib.model.parameters import Parameter
 from suta_calib.terms.block import LEARNT, Block, Noise
 from suta_calib.terms.board_pictures import BoardPictures
 from suta_calib.terms.board_sight import BoardSight, OnePoint
@@ -41,30 +41,28 @@ from suta_calib.terms.external_frame import (
     pose_parameters,
     pose_values,
 )
-from suta_calib.terms.eye import carriers
+from suta_calib.terms.eye_term import BoardEyeTerm
 from suta_calib.terms.hand_eye_start import (
     EYE_IN_HAND,
     EYE_TO_HAND,
     FEWEST,
-    EyeSetup,
     Poses,
     agreeing_hand_eye,
     as_eye_in_hand,
     inverse_poses,
     some_poses,
 )
-from suta_calib.terms.instrument_terms import FramedTerm
 from suta_calib.terms.intrinsics import UNCALIBRATED, camera_at, intrinsic_parameters, prior_beside
 from suta_calib.terms.length_scale import stretch_factors, stretch_parameters
 from suta_calib.terms.lens_choice import LensChoice, camera_alone
 from suta_calib.terms.line_delay import LINE_DELAY, LineDelay, rolled
 from suta_calib.terms.marker_survey import SurveyedMarkers, surveyed
 from suta_calib.terms.misread_pictures import check_files, doubts, otherwise_read
-from suta_calib.terms.observed import Observed, Resimulation, TrueFrame
+from suta_calib.terms.observed import Observed, Resimulation
 from suta_calib.terms.poses import ArmPoses, PoseSource
 from suta_calib.terms.reprojection import reprojection
 from suta_calib.terms.setup import Setup
-from suta_calib.terms.term import Gap, Term
+from suta_calib.terms.term import Term
 
 # What a kind that nobody has set up looks at, and with what: a board and a camera as they are.
 _BOARD: Final = Chessboard(7, 5, 0.03)
@@ -72,7 +70,7 @@ _CAMERA: Final = Camera(1280, 960, np.array([1000.0, 1000.0, 639.5, 479.5, 0, 0,
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class CameraView(FramedTerm):
+class CameraView(BoardEyeTerm):
     """``π((T_base_hand,i X)⁻¹ Z p_k) - u_ik`` for every corner k that is seen in picture i.
 
     π is the camera with its lens; X = ``T_hand_eye`` and Z = ``T_base_board`` are unknown. With
@@ -87,12 +85,9 @@ class CameraView(FramedTerm):
         poses: samples, one for each picture, with the corners seen in it.
         board: whose points are seen.
         camera: its intrinsics as they are known, and how well.
-        setup: the camera is on the hand, or beside the arm.
         free: whether the intrinsics are estimated too, from what is known of them as prior.
         pixel: length that a pixel covers at the board, m.
         noise: scatter and robustness of a corner, m at the board.
-        label: terms with the same label share the camera.
-        target: terms with the same one share the board.
         prior: of the intrinsics (n,), standard deviations.
         lens_choice: how the model of the lens was chosen, where no file says it.
         line_delay: how long a row of the picture takes, of a camera with a rolling shutter; None
@@ -112,44 +107,18 @@ class CameraView(FramedTerm):
     columns = SampleColumns(
         labels=("image",), pixels=True, about={"image": "The picture that was taken there."}
     )
-    medium = "camera"
-    has_angles = False
     keys = (*CAMERA_KEYS, LINE_DELAY)
     measured_keys = (*("corners", "intrinsics", "target", "sigma_px", "huber_px"),)
     unit = "px"
     files: ClassVar[Mapping[str, str]] = CAMERA_FILES
     groupings: ClassVar[Mapping[str, tuple[str, ...]]] = {"image": ("image",)}
-    frames = (
-        TrueFrame(
-            *("hand_eye", "camera_pose"),
-            "the camera's pose: on the tip, or in the base for eye-to-hand",
-            required=True,
-        ),
-        TrueFrame(
-            *("target", "board_pose"),
-            "the board's pose: in the base, or on the tip for eye-to-hand",
-            required=True,
-        ),
-    )
-    chance = 0.02
     assumptions_key = "intrinsics: free"
-    leaves_open: ClassVar[Mapping[Gap, tuple[str, str]]] = {
-        "tool": (
-            "moves the tip in the last link. The camera does not see this, because the unknown "
-            "pose of the camera or board on the tip cancels it",
-            "touch one fixed point from several directions (fixed_point); not needed if only the "
-            "camera matters",
-        )
-    }
 
     board: Board = _BOARD
     camera: Camera = _CAMERA
-    setup: EyeSetup = EYE_IN_HAND
     free: bool = False
     pixel: float = 1e-3
     noise: Noise = LEARNT
-    label: str = "default"
-    target: str = "default"
     prior: FloatArray | None = None
     line_delay: LineDelay | None = None
     lens_choice: LensChoice | None = None
@@ -373,40 +342,13 @@ class CameraView(FramedTerm):
     @property
     def owners(self) -> tuple[str, str, str]:
         """Owners of the camera's pose, of the board's, and of the intrinsics."""
-        eye, board = (frame.owner for frame in self.frames)
-        sees, seen = self._labels
-        return labelled(eye, sees), labelled(board, seen), labelled("camera", sees)
-
-    @property
-    def _labels(self) -> tuple[str, str]:
-        """Of the camera and of the board, beside those of other chains."""
-        ends = carriers(self.setup)
-        return self.poses.label(self.label, ends[0]), self.poses.label(self.target, ends[1])
-
-    @property
-    def sees(self) -> str:
-        """The label of the camera, beside those of other chains."""
-        return self._labels[0]
-
-    @property
-    def sees_board(self) -> str:
-        """The label of the board, beside those of other chains."""
-        return self._labels[1]
-
-    @property
-    def frame_names(self) -> list[str]:
-        """Owners of the poses of camera and board."""
-        return list(self.owners[:2])
+        eye, board = self.frame_names
+        return eye, board, labelled("camera", self.sees)
 
     @property
     def outside(self) -> tuple[ExternalFrame, ...]:
         """Camera and board: one of them in the base, the other in the tip."""
-        eye, board = self.frame_names
-        of_eye, of_board = carriers(self.setup)
-        return (
-            ExternalFrame(eye, "camera", of_eye, PLACEMENT),
-            ExternalFrame(board, "board", of_board, PLACEMENT),
-        )
+        return self.eye_outside, self.board_outside
 
     @cached_property
     def own_parameters(self) -> tuple[Parameter, ...]:
@@ -417,7 +359,7 @@ class CameraView(FramedTerm):
             poses = (*poses, *intrinsic_parameters(camera, self.camera, self.prior))
         if isinstance(self.board, SurveyedMarkers):
             return (*poses, *self.board.parameters(self.sees_board))
-        return (*poses, *stretch_parameters(board, self._stretch))
+        return (*poses, *stretch_parameters(board, self.stretch))
 
     @property
     def _surveyed(self) -> SurveyedMarkers | None:
@@ -425,10 +367,9 @@ class CameraView(FramedTerm):
         return self.board if isinstance(self.board, SurveyedMarkers) else None
 
     @property
-    def _stretch(self) -> float | None:
-        """The prior of the board's stretch; of poses that were measured it is not estimated."""
-        free = isinstance(self.poses, ArmPoses) and self._surveyed is None
-        return self.board.stretch if free else None
+    def stretch(self) -> float | None:
+        """None of markers whose places are estimated."""
+        return super().stretch if self._surveyed is None else None
 
     @property
     def with_assumptions_estimated(self) -> Self | None:
@@ -490,7 +431,7 @@ class CameraView(FramedTerm):
             data.append(np.tile(self.camera.intrinsics, (n, 1)))
         data.append(corner)
         residual = reprojection(
-            *(self.setup, self.camera.lens, self.free, self._stretch is not None),
+            *(self.setup, self.camera.lens, self.free, self.stretch is not None),
             surveyed=markers is not None,
         )
         labels = [
@@ -547,7 +488,7 @@ class CameraView(FramedTerm):
         made = self.board
         if isinstance(made, SurveyedMarkers):
             made = made.at(self.sees_board, values)
-        if self._stretch is not None:
+        if self.stretch is not None:
             made = made.stretched(stretch_factors(self.own_parameters, values))
         return BoardSight(made, camera, turn, shift)
 
@@ -592,36 +533,16 @@ class CameraView(FramedTerm):
             )
         check_files(self.pictures)
 
-    def check_beside(self, other: Term) -> None:
-        """Views with one label are of one camera, and those with one target of one board."""
-        if not isinstance(other, CameraView):
-            return
-        for (key, whose, name), statement in other._stated.items():
-            if self._stated.get((key, whose, name), statement) != statement:
-                raise SamplesError(
-                    f"another {key} than in an earlier row with the same {whose} {name!r}",
-                    "one camera and one board per label",
-                    where=f"{self.kind}.{key}",
-                    hint=f"write the same in both rows, or give the second one another {whose}",
-                )
-
     @property
-    def _stated(self) -> Mapping[tuple[str, str, str], object]:
-        """What it says of its camera and its board, by key, kind of label and label."""
-        of_camera: dict[str, object] = {
-            "setup": self.setup,
-            "intrinsics": "free" if self.free else "fixed",
-        }
+    def stated(self) -> Mapping[tuple[str, str, str], object]:
+        """With the camera and its clock."""
+        of_camera: dict[str, object] = {"intrinsics": "free" if self.free else "fixed"}
         if self.line_delay is not None:
             of_camera["line_delay"] = self.line_delay
         # What is found from a row's own corners differs from row to row.
         if self.prior is None or self.camera.corners:
             of_camera["camera"] = self.camera.values
-        sees, seen = self._labels
-        return {
-            **{(key, "label", sees): value for key, value in of_camera.items()},
-            ("board", "target", seen): self.board.row(),
-        }
+        return {**super().stated, **{(k, "label", self.sees): v for k, v in of_camera.items()}}
 
     def check_given(self) -> None:
         """Refuse given poses that cannot be, and a rolling shutter of a camera without times."""

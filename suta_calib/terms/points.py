@@ -18,27 +18,24 @@ from suta_calib.geometry.numbers import extent, register_points, vector_from_rot
 from suta_calib.geometry.symbols import Symbol
 from suta_calib.measurements import Board, SampleColumns, YamlSection, read_board
 from suta_calib.measurements.depth_noise import TYPICAL, DepthNoise, ray_axes
-from suta_calib.measurements.fields import FILE, TEXT, Field, Fields, Value, choice, mapping
+from suta_calib.measurements.fields import FILE, Field, Fields, Value, mapping
 from suta_calib.measurements.pose_files import FAR, NEAR
 from suta_calib.measurements.seen_points import SeenPoints, read_seen_points, seen_size, unit_hint
-from suta_calib.model.parameters import PLACEMENT, POSITION, End, Parameter
+from suta_calib.model.parameters import POSITION, End, Parameter
 from suta_calib.terms.block import LEARNT, Block, Noise, Pose, Residual, flat, grouped, pose_of
 from suta_calib.terms.board_pictures import QUOTED, half_turned
-from suta_calib.terms.camera_view import CameraView
 from suta_calib.terms.checks import check_unit
 from suta_calib.terms.external_frame import (
     ExternalFrame,
-    labelled,
     point_named,
     point_parameters,
     pose_named,
     pose_parameters,
     pose_values,
 )
-from suta_calib.terms.eye import carriers, point_in_eye, points_in_eye
+from suta_calib.terms.eye import point_in_eye, points_in_eye
+from suta_calib.terms.eye_term import BOARD, EYE, TARGET_KEY, BoardEyeTerm, setup_key
 from suta_calib.terms.hand_eye_start import (
-    EYE_IN_HAND,
-    EYE_TO_HAND,
     FEWEST,
     HALF_TURN,
     EyeSetup,
@@ -48,13 +45,13 @@ from suta_calib.terms.hand_eye_start import (
     inverse_poses,
     some_poses,
 )
-from suta_calib.terms.instrument_terms import SEEN_UNIT, FramedTerm
+from suta_calib.terms.instrument_terms import SEEN_UNIT
 from suta_calib.terms.length_scale import stretch_factors, stretch_parameters, stretched_point
-from suta_calib.terms.observed import Observed, TrueFrame
+from suta_calib.terms.observed import Observed
 from suta_calib.terms.poses import ArmPoses, PoseSource
 from suta_calib.terms.setup import Setup
 from suta_calib.terms.target_start import instrument_and_targets
-from suta_calib.terms.term import Gap, Term
+from suta_calib.terms.term import Term
 from suta_calib.units import mm
 from suta_calib.words import listed
 
@@ -88,7 +85,7 @@ def _off(setup: EyeSetup, on_board: bool, stretched: bool) -> Residual:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class DepthPoints(FramedTerm):
+class DepthPoints(BoardEyeTerm):
     """``(T_base_hand,i X)⁻¹ P_k - z_ik`` for every point k that a depth camera saw at row i.
 
     X = ``T_hand_eye`` is unknown. The points P_k are anywhere, each unknown; or they are those of a
@@ -103,12 +100,9 @@ class DepthPoints(FramedTerm):
     Attributes:
         poses: samples with a position in the camera, and the label point; of one point without it.
         board: whose points they are, their labels its numbers; None for points anywhere.
-        setup: the camera is on the hand, or beside the arm.
         depth_noise: how it scatters by distance; learnt from the board, or else that of a typical
             camera.
         noise: scatter and robustness, m of a typical coordinate.
-        label: terms with the same label share the camera.
-        target: terms with the same one share the board.
         weights: the noise by distance that is used; rows that are taken keep that of the whole.
         typical_sigma: as of `TrackedPoint`, of the coordinates of the residual.
 
@@ -136,9 +130,7 @@ class DepthPoints(FramedTerm):
             "image": "The picture or the cloud it was seen in.",
         },
     )
-    medium = "camera"
     mark = "point"
-    has_angles = False
     keys = (
         Field(
             "points",
@@ -151,12 +143,8 @@ class DepthPoints(FramedTerm):
             Value("file", lambda row, key: read_board(row.existing_file(key))),
             "The board.yaml, if the points are its corners.",
         ),
-        Field(
-            "setup",
-            choice((EYE_IN_HAND, EYE_TO_HAND)),
-            "eye-in-hand (the default), or eye-to-hand: the points on the tip.",
-        ),
-        Field("target", TEXT, "Label of the board, where there are several."),
+        setup_key("points"),
+        TARGET_KEY,
         Field(
             "depth_noise",
             mapping(DepthNoise),
@@ -171,34 +159,10 @@ class DepthPoints(FramedTerm):
         "image": ("image",),
         "row": (),
     }
-    frames = (
-        TrueFrame(
-            *("hand_eye", "camera_pose"),
-            "the camera's pose: on the tip, or in the base for eye-to-hand",
-            required=True,
-        ),
-        TrueFrame(
-            *("target", "board_pose"),
-            "the board's pose: in the base, or on the tip for eye-to-hand",
-            required=False,
-        ),
-    )
-    chance = 0.02
-    leaves_open: ClassVar[Mapping[Gap, tuple[str, str]]] = {
-        "tool": (
-            "moves the tip in the last link. The camera does not see this, because the unknown "
-            "pose of the camera, or of the points, on the tip cancels it",
-            "touch one fixed point from several directions (fixed_point); not needed if only the "
-            "camera matters",
-        )
-    }
+    frames = (EYE, replace(BOARD, required=False))
 
-    board: Board | None = None
-    setup: EyeSetup = EYE_IN_HAND
     depth_noise: DepthNoise | None = None
     noise: Noise = LEARNT
-    label: str = "default"
-    target: str = "default"
     weights: DepthNoise | None = None
     typical_sigma: float | None = None
 
@@ -290,33 +254,14 @@ class DepthPoints(FramedTerm):
         return self.board
 
     @property
-    def _ends(self) -> tuple[End, End]:
-        """Of what carries the camera, and of what carries the points."""
-        return carriers(self.setup)
-
-    @property
     def mark_end(self) -> End:
         """The other end than the camera's."""
-        return self._ends[1]
+        return self.ends[1]
 
     @property
     def marks_on_body(self) -> bool:
         """Those of a board are."""
         return self.board is not None
-
-    @property
-    def sees(self) -> str:
-        """The label of the camera, beside those of other chains."""
-        return self.poses.label(self.label, self._ends[0])
-
-    @property
-    def frame_names(self) -> list[str]:
-        """Owners of the poses of camera and board."""
-        eye, board = (frame.owner for frame in self.frames)
-        return [
-            labelled(eye, self.sees),
-            labelled(board, self.poses.label(self.target, self._ends[1])),
-        ]
 
     @cached_property
     def _points(self) -> tuple[list[str], IntArray]:
@@ -329,39 +274,12 @@ class DepthPoints(FramedTerm):
         return [f"{self.mark}[{name}]" if name else self.mark for name in self._points[0]]
 
     @property
-    def subject(self) -> str:
-        """Camera and board are those of pictures with the same labels."""
-        return CameraView.kind
-
-    def check_beside(self, other: Term) -> None:
-        """One camera is in one place, and one board is one board."""
-        if not isinstance(other, CameraView | DepthPoints):
-            return
-        (eye, board), (its_eye, its_board) = self.frame_names, other.frame_names
-        both = self.board is not None and other.board is not None
-        if eye == its_eye and self.setup != other.setup:
-            problem, whose = f"setup: {self.setup} beside {other.setup}", "label"
-        elif both and board == its_board and self._row(self) != self._row(other):
-            problem, whose = "another board than in an earlier row with the same target", "target"
-        else:
-            return
-        hint = f"write the same in both rows, or give the second one another {whose}"
-        raise self.refuse(problem, "one camera and one board per label", hint)
-
-    @staticmethod
-    def _row(term: CameraView | DepthPoints) -> Mapping[str, Any]:
-        return {} if term.board is None else term.board.row()
-
-    @property
     def outside(self) -> tuple[ExternalFrame, ...]:
         """The camera, and the board or the points."""
-        (eye, board), (of_eye, of_points) = self.frame_names, self._ends
-        seen = (
-            [ExternalFrame(board, "board", of_points, PLACEMENT)]
-            if self.board is not None
-            else [ExternalFrame(o, self.mark, of_points, POSITION) for o in self._point_owners]
-        )
-        return (ExternalFrame(eye, "camera", of_eye, PLACEMENT), *seen)
+        if self.board is not None:
+            return self.eye_outside, self.board_outside
+        points = (ExternalFrame(o, self.mark, self.ends[1], POSITION) for o in self._point_owners)
+        return self.eye_outside, *points
 
     @cached_property
     def own_parameters(self) -> tuple[Parameter, ...]:
@@ -370,14 +288,8 @@ class DepthPoints(FramedTerm):
         if self.board is None:
             points = (p for owner in self._point_owners for p in point_parameters(owner))
             return (*pose_parameters(eye), *points)
-        stretch = stretch_parameters(board, self._stretch)
+        stretch = stretch_parameters(board, self.stretch)
         return (*pose_parameters(eye), *pose_parameters(board), *stretch)
-
-    @property
-    def _stretch(self) -> float | None:
-        """The prior of the board's stretch; of poses that were measured it is not estimated."""
-        of_arm = self.board is not None and isinstance(self.poses, ArmPoses)
-        return self.board.stretch if of_arm and self.board is not None else None
 
     # ── what was seen ─────────────────────────────────────────────────────────────────────────
     @property
@@ -451,7 +363,7 @@ class DepthPoints(FramedTerm):
         noise = self.noise
         if noise.sigma is None:
             noise = replace(noise, sigma=self.typical_sigma)
-        residual = _off(self.setup, self.board is not None, self._stretch is not None)
+        residual = _off(self.setup, self.board is not None, self.stretch is not None)
         block = Block.per_sample(
             *("position", "m", 3, residual, own_columns, np.hstack(data), noise),
             self.poses.samples.origin,
@@ -505,7 +417,7 @@ class DepthPoints(FramedTerm):
         that stands there, and the points are its targets.
         """
         carrier = as_eye_in_hand((rotation, position), self.setup)
-        rest = np.zeros(2 if self._stretch is not None else 0)
+        rest = np.zeros(2 if self.stretch is not None else 0)
         if self.board is not None and len(self._posed) >= FEWEST:
             X, Z = self._by_pictures(carrier)
             return np.concatenate([pose_values(*X), pose_values(*Z), rest])

@@ -272,12 +272,15 @@ def test_pictures_and_depth_share_camera_and_board() -> None:
     solution = solve(problem)
     for line in problem.linearise(solution.x, problem.assumed_sigmas()):
         np.testing.assert_allclose(line.residual, 0.0, atol=1e-8)
-    both[0].check_beside(both[1])
-    with pytest.raises(SamplesError, match="setup: eye-to-hand beside eye-in-hand"):
-        replace(both[0], setup="eye-to-hand").check_beside(both[1])
+    for first, second in (both, both[::-1]):
+        second.check_beside(first)
+        with pytest.raises(SamplesError, match="another setup than in an earlier row"):
+            replace(second, setup="eye-to-hand").check_beside(first)
     other = replace(both[1], board=Chessboard(4, 3, 0.05))
-    with pytest.raises(SamplesError, match="another board"):
-        both[0].check_beside(other)
+    for first, second in ((both[0], other), (other, both[0])):
+        with pytest.raises(SamplesError, match="another board than in an earlier row"):
+            second.check_beside(first)
+        replace(second, target="second").check_beside(first)
 
 
 def test_points_that_the_board_lacks_are_refused() -> None:
