@@ -381,8 +381,8 @@ class ArmSpec(RobotSpec):
             if self.section is None or problem.where not in ("tip", "base"):
                 raise
             expected = f"{problem.expected} {self.urdf}"
-            own = problem.where in self.section and not self.chains
-            at, hint = (problem.where,) if own else (), problem.hint
+            in_section = problem.where in self.section and not self.chains
+            at, hint = (problem.where,) if in_section else (), problem.hint
             raise self.section.refuse(problem.found, expected, at=at, hint=hint) from None
         for stated in self._of_joints:
             arm = stated.on(arm)

@@ -201,9 +201,9 @@ def refuse_unusable(
     written = {"verdict": answer.as_dict()} if isinstance(answer, Assessment) else answer
     if anyway or says_usable(written):
         return
-    said = _verdict(written)
-    notes = [str(note) for note in said.get("notes", ())]
-    why = next(iter(notes), str(said.get("sentence", "")) or "it did not converge")
+    verdict = _verdict(written)
+    notes = [str(note) for note in verdict.get("notes", ())]
+    why = next(iter(notes), str(verdict.get("sentence", "")) or "it did not converge")
     raise UnusableResultError(
         f"a result that must not be used ({why.rstrip('.')})",
         "a usable result",

@@ -131,7 +131,7 @@ def mean_number(values: FloatArray) -> MeanNumber:
         return MeanNumber(np.nan, np.nan, 0.0, 0.0)
     centre = float(np.median(numbers))
     deviation = (numbers - centre)[:, None]
-    (mean,), (std,), (left,) = (each.tolist() for each in _mean_of_most(deviation))
+    (mean,), (std,), (left,) = (column.tolist() for column in _mean_of_most(deviation))
     return MeanNumber(centre + mean, std, left / len(values), float(steps(deviation)[0]))
 
 

@@ -295,17 +295,19 @@ class Continuous:
         return lines
 
     def _advice(self, strokes: int) -> list[str]:
-        said = []
+        sentences = []
         if self._moments.unusable:
-            said.append(f"{self._moments.unusable} readings were no numbers, or invalid: not used")
+            sentences.append(
+                f"{self._moments.unusable} readings were no numbers, or invalid: not used"
+            )
         if self._moments.repeated:
-            said.append(f"{self._moments.repeated} readings came twice")
+            sentences.append(f"{self._moments.repeated} readings came twice")
         if self._surface is not None and strokes < ENOUGH_STROKES:
-            said.append(
+            sentences.append(
                 f"only {strokes} strokes: the ± of a calibration are rough. Reverse the motion "
                 f"more often, {ENOUGH_STROKES} times or more"
             )
-        return said
+        return sentences
 
 
 def time_columns(joints: Sequence[str]) -> tuple[str, ...]:

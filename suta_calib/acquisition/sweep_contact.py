@@ -171,8 +171,8 @@ def contact(
         raise SamplesError(
             f"{len(rows)} postures", f"{FEWEST}, to tell a lift-off from an error of the arm"
         )
-    some = np.unique(np.linspace(0, len(rows) - 1, min(_ROWS, len(rows))).astype(np.intp))
-    rows, strokes = rows[some], strokes[some]
+    thinned = np.unique(np.linspace(0, len(rows) - 1, min(_ROWS, len(rows))).astype(np.intp))
+    rows, strokes = rows[thinned], strokes[thinned]
     q = np.array([moments[k].angles for k in rows])
     times = np.array([moments[k].time for k in rows])
     starts, fit = _places(surface, q, strokes)
@@ -185,8 +185,8 @@ def contact(
     all_times = np.array([moment.time for moment in moments])
     # The first posture at the new place is the first that is known to be there.
     began = tuple(Slip(float(times[k]), d * _MM, std * _MM) for k, (d, std) in starts.items())
-    told = TipContact(np.ones(0, dtype=np.bool_), (), began, fit.scatter * _MM)
-    off = _distances(surface, fit, moments, told.place(all_times))
+    contact = TipContact(np.ones(0, dtype=np.bool_), (), began, fit.scatter * _MM)
+    off = _distances(surface, fit, moments, contact.place(all_times))
     lifted = [*_lift_offs(all_times, off, max(fit.scatter, LEAST_LIFT / _OFF))]
     touching = np.ones(len(moments), dtype=np.bool_)
     for first, last in lifted:
@@ -221,10 +221,10 @@ class Telling:
 
     def untold(self, q: FloatArray) -> tuple[str, ...]:
         """Unknowns that postures (n, joints) leave open, though others on this place tell them."""
-        some = q[np.unique(np.linspace(0, len(q) - 1, min(_SOME, len(q))).astype(np.intp))]
+        thinned = q[np.unique(np.linspace(0, len(q) - 1, min(_SOME, len(q))).astype(np.intp))]
         if self._never is None:
-            self._never = self._open(some, starts=20)
-        still = self._open(some, starts=0)
+            self._never = self._open(thinned, starts=20)
+        still = self._open(thinned, starts=0)
         return tuple(n for n in self._unknowns.names if n in still and n not in self._never)
 
     def _open(self, q: FloatArray, starts: int) -> set[str]:
@@ -435,16 +435,16 @@ def _gain(fit: _Fit, later: BoolArray) -> float:
         return 0.0
     jacobian = fit.jacobian.reshape(len(fit.residual), size, -1)[later]
     columns = np.flatnonzero(np.any(jacobian[:, :, fit.problem.arm_count :], axis=(0, 1)))
-    own = jacobian[:, :, fit.problem.arm_count + columns]
+    slopes = jacobian[:, :, fit.problem.arm_count + columns]
     limit = 2.0 * float(np.linalg.norm(residual, axis=1).max())
-    shift = np.zeros(own.shape[2])
+    shift = np.zeros(slopes.shape[2])
     for _ in range(15):
-        left = residual + own @ shift
+        left = residual + slopes @ shift
         limit = max(limit / 1.8, _ON * fit.scatter)
         weight = (1.0 + np.sum(left**2, axis=1) / limit**2) ** -2.0
-        normal = np.einsum("n,nij,nik->jk", weight, own, own)
-        shift = shift - scaled_inverse(normal) @ np.einsum("n,nij,ni->j", weight, own, left)
-    fallen = _cost(residual, fit.scatter) - _cost(residual + own @ shift, fit.scatter)
+        normal = np.einsum("n,nij,nik->jk", weight, slopes, slopes)
+        shift = shift - scaled_inverse(normal) @ np.einsum("n,nij,ni->j", weight, slopes, left)
+    fallen = _cost(residual, fit.scatter) - _cost(residual + slopes @ shift, fit.scatter)
     return float(np.sum(fallen))
 
 

@@ -183,12 +183,12 @@ def _through(term: Term, other: AnyArm) -> Term:
     """The same observations with another arm behind the readings."""
     if not isinstance(term.poses, ArmPoses):
         return term
-    own = term.poses.arm
-    arm = same_chain(own, other)
-    if arm.joints != own.joints:
+    of_job = term.poses.arm
+    arm = same_chain(of_job, other)
+    if arm.joints != of_job.joints:
         raise UrdfError(
             f"the moving joints {', '.join(arm.joints)}",
-            f"the joints of the job's arm: {', '.join(own.joints)}",
+            f"the joints of the job's arm: {', '.join(of_job.joints)}",
             file=arm.chain.path,
         )
     return term.over_poses(ArmPoses(arm, term.poses.samples))

@@ -245,8 +245,10 @@ def error_budget_of_job(
     job: CalibrationJob, progress: Progress | None = None, *, anyway: bool = False
 ) -> ErrorBudget:
     """Calibrate a job and split its errors; its section ``encoders`` states the encoder noise."""
-    said = job.spec.encoders
-    encoders = None if said is None else EncoderNoise(said.bits, said.noise_rad, said.noise_m)
+    stated = job.spec.encoders
+    encoders = (
+        None if stated is None else EncoderNoise(stated.bits, stated.noise_rad, stated.noise_m)
+    )
     return error_budget(job.usable_solution(progress, anyway=anyway), job.validation, encoders)
 
 

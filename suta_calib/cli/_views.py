@@ -39,21 +39,21 @@ def views_of(
     )
     if not named:
         return _in_order(corners, board, camera, lens), False
-    seen: dict[tuple[str, str], Corners] = {}
+    by_view: dict[tuple[str, str], Corners] = {}
     for file, parts in sights.items():
         for (eye, target), part in parts.items():
             key = (eye or file.name or (ONLY if len(corners) == 1 else file.path.stem), target)
-            if key in seen:
+            if key in by_view:
                 raise click.UsageError(
                     f"two --corners of camera {key[0]}: name them EYE=FILE, or give one file with "
                     "a column eye"
                 )
-            seen[key] = part
-    eyes = dict.fromkeys(eye for eye, _ in seen)
+            by_view[key] = part
+    eyes = dict.fromkeys(eye for eye, _ in by_view)
     boards = {file.name: read_board(file.path) for file in board}
     cameras = _of_eyes([*eyes], camera)
     views = []
-    for (eye, target), part in seen.items():
+    for (eye, target), part in by_view.items():
         label, its_board = _board_of(target, boards)
         views.append(View(eye, part, its_board, cameras.get(eye), label, lens))
     return views, True

@@ -183,10 +183,10 @@ def _seats(
         if now @ began < 0.0:
             began = now
             turned.append(float(at))
-    each = std * rng.standard_normal((len(turned) + 1, 3))
+    offsets = std * rng.standard_normal((len(turned) + 1, 3))
     number = np.searchsorted(turned, time, side="right")
     share = _ramp(time, np.append(-1.0, turned)[number])[:, None]
-    return np.asarray(each[number - 1] + share * (each[number] - each[number - 1]))
+    return np.asarray(offsets[number - 1] + share * (offsets[number] - offsets[number - 1]))
 
 
 def _aside(rng: np.random.Generator, how: HandSweep) -> FloatArray:

@@ -134,10 +134,10 @@ class Between:
         time, gaps, last = clock.time, clock.gaps, len(clock.time) - 1
         first = np.clip(np.searchsorted(time, at, side="right") - 1, 0, last - 1)
         rows = np.clip(first[:, None] + np.arange(-1, 3), 0, last)
-        known = (at >= time[0]) & (at <= time[-1]) & ~gaps[first]
+        inside = (at >= time[0]) & (at <= time[-1]) & ~gaps[first]
         # The outer two count if nothing lies between them and the inner ones.
-        whole = np.concatenate([[False], ~gaps, [False]])
-        cubic = (whole[first] & whole[first + 2])[:, None]
+        unbroken = np.concatenate([[False], ~gaps, [False]])
+        cubic = (unbroken[first] & unbroken[first + 2])[:, None]
         where = time[rows]
         weights = np.zeros((len(at), 4))
         for k in range(4):
@@ -148,5 +148,5 @@ class Between:
         share = (at - time[first]) / (time[first + 1] - time[first])
         line = np.stack([np.zeros_like(at), 1.0 - share, share, np.zeros_like(at)], axis=1)
         weights = np.where(cubic, weights, line)
-        weights[~known] = [0.0, 1.0, 0.0, 0.0]
-        return cls(rows, weights, known)
+        weights[~inside] = [0.0, 1.0, 0.0, 0.0]
+        return cls(rows, weights, inside)

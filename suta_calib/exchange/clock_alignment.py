@@ -66,8 +66,8 @@ class Recorded:
     def without_wild_poses(self) -> Recorded:
         """The same without poses from which both neighbours are far, and these are near."""
         wild = np.zeros(len(self.clock.time), dtype=bool)
-        for apart, least in zip(self._apart(), (_WILD_TURN, _WILD_WAY), strict=True):
-            near, around = apart
+        for distances, least in zip(self._apart(), (_WILD_TURN, _WILD_WAY), strict=True):
+            near, around = distances
             away = np.minimum(near[:-1], near[1:])
             wild[1:-1] |= away > 4.0 * around + np.maximum(10.0 * np.median(near), least)
         rows = np.flatnonzero(~wild)
@@ -438,14 +438,14 @@ class _ShiftSearch:
             away = time[pairs].mean(axis=1) - self.at
             turned = self._measured[span][:, 0]
             for which in range(2):
-                measured, seen = self._measured[span][:, which], now[span][:, which]
+                measured, computed = self._measured[span][:, which], now[span][:, which]
                 rate = (later[span][:, which] - earlier[span][:, which]) / (2.0 * half)
-                rows = np.isfinite(seen) & np.isfinite(rate) & (turned < _MOST_TURN)
+                rows = np.isfinite(computed) & np.isfinite(rate) & (turned < _MOST_TURN)
                 if rows.sum() < _LEAST_ROWS:
                     if which == 0 and span == _MIDDLE:
                         return None
                     continue
-                basis = np.column_stack([np.ones(int(rows.sum())), seen[rows]])
+                basis = np.column_stack([np.ones(int(rows.sum())), computed[rows]])
                 fitted = np.linalg.lstsq(basis, measured[rows], rcond=None)[0]
                 left = basis @ fitted - measured[rows]
                 # Travel along the axis that does not agree tells nothing; in a plane it is noise.

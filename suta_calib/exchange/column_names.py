@@ -68,8 +68,8 @@ def usual_names(names: Sequence[str]) -> list[str]:
 def of_markers(names: Sequence[str]) -> list[str]:
     """Names with the marker's number in front, as of any body: ``x2`` is the x of ``2_``."""
     markers = [name[1:] for name in names if name[:1] == "x" and name[1:].isdigit()]
-    whole = [n for n in markers if {f"{axis}{n}" for axis in "xyz"} <= {*names}]
-    spelt = {f"{number}{n}": f"{n}_{number}" for number in _NUMBERED for n in whole}
+    complete = [n for n in markers if {f"{axis}{n}" for axis in "xyz"} <= {*names}]
+    spelt = {f"{number}{n}": f"{n}_{number}" for number in _NUMBERED for n in complete}
     return [spelt.get(name, name) for name in names]
 
 

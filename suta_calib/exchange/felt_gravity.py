@@ -302,14 +302,14 @@ class GravityLog:
         """Error that there are not as many rests as postures, to be raised by the caller."""
         begin = self.clock.time[0]
         at = listed([f"{rest.begin - begin:.1f}" for rest in rests], 40)
-        alike = [
+        repeated = [
             f"{before.begin - begin:.1f} s and {after.begin - begin:.1f} s"
             for before, after in pairwise(rests)
             if np.linalg.norm(after.angles - before.angles) < _SAME
         ]
         hint = f"choose the shortest rest with {SECONDS.switch} N, or correct the postures"
-        if alike:
-            hint += f"; no change of direction between {listed(alike)}: was the phone touched?"
+        if repeated:
+            hint += f"; no change of direction between {listed(repeated)}: was the phone touched?"
         gaps = np.diff(self.clock.time)
         for k in np.flatnonzero(self.clock.gaps)[:1].tolist():
             hint += (

@@ -114,17 +114,17 @@ def joined(
     slow, fast = (second, first) if coarser else (first, second)
     time = slow.clock.time
     other = first_times(time) if coarser else second_times(time)
-    whole = Between.of(fast.clock, other)
-    rows = np.flatnonzero(whole.known)
+    every_row = Between.of(fast.clock, other)
+    rows = np.flatnonzero(every_row.known)
     if not len(rows):
         problem = f"no row at a time that {fast.path.name} covers"
         raise ForeignFileError(problem, "recordings that overlap", file=slow.path)
-    between = Between(whole.rows[rows], whole.weights[rows], whole.known[rows])
+    between = Between(every_row.rows[rows], every_row.weights[rows], every_row.known[rows])
     at_rows, interpolated = slow.rows(rows), fast.between(between)
     ours, theirs = (interpolated, at_rows) if coarser else (at_rows, interpolated)
     columns: dict[str, NDArray[Any]] = {"time": (other if coarser else time)[rows]}
-    for prefix, some in zip(prefixes, (ours, theirs), strict=True):
-        columns |= {prefix + name: values for name, values in some.items()}
+    for prefix, part in zip(prefixes, (ours, theirs), strict=True):
+        columns |= {prefix + name: values for name, values in part.items()}
     for name, values in slow.beside.items():
         columns.setdefault(name, values[slow.clock.rows[rows]])
     return Joined(columns, len(time) - len(rows), fast)
@@ -148,12 +148,12 @@ def moving_arm(
         columns: dict[str, NDArray[Any]] = {"time": clock.time, **readings}
         return ImportedRows(source=path, form=form, columns=columns, notes=notes, remarks=remarks)
     at, body = seen
-    whole = np.flatnonzero(body.observed)
-    whole = whole[np.argsort(at[whole], kind="stable")]
-    if not len(whole):
+    posed = np.flatnonzero(body.observed)
+    posed = posed[np.argsort(at[posed], kind="stable")]
+    if not len(posed):
         raise ForeignFileError("no pose", "poses of the same clock", file=path)
-    of_body = Clock.of(path, at[whole])
-    tracked = MovingRows(path, of_body, {}, body.take(whole[of_body.rows]))
+    of_body = Clock.of(path, at[posed])
+    tracked = MovingRows(path, of_body, {}, body.take(posed[of_body.rows]))
     rows = joined(arm, tracked, ("", prefix))
     which = "Poses" if rows.interpolated is tracked else "Readings"
     return ImportedRows(

@@ -63,22 +63,22 @@ def _beside_joints(sheet: Sheet, given: Given) -> tuple[PoseColumns | None, Shee
     joints = len(sheet.names) - size
     if any(values is None for values in sheet.values):
         return None, sheet
-    for first, others in ((joints, range(joints)), (0, range(size, size + joints))):
+    for first, rest in ((joints, range(joints)), (0, range(size, size + joints))):
         within = range(first, first + size)
         numbers = sheet.numbers(within)
         numbers = numbers[np.isfinite(numbers).all(axis=1)]
         if not (len(numbers) and np.allclose(numbers[:, -1], 1.0) and _is_transform(numbers)):
             continue
-        if _counts(sheet.numbers(others)):
+        if _counts(sheet.numbers(rest)):
             return None, sheet
         pose = _matrix(sheet, numbers, given)
         names = list(sheet.names)
-        for k, column in enumerate(others, 1):
+        for k, column in enumerate(rest, 1):
             names[column] = f"joint_{k}"
         remark = (
-            f"Columns {others[0] + 1} to {others[-1] + 1} are treated as readings of joint_1 to "
+            f"Columns {rest[0] + 1} to {rest[-1] + 1} are treated as readings of joint_1 to "
             f"joint_{joints}, and the others as a 4x4 matrix; name the joints with "
-            f"--columns {others[0] + 1}=NAME,…"
+            f"--columns {rest[0] + 1}=NAME,…"
         )
         position, rotation = (
             tuple(first + k for k in columns) for columns in (pose.position, pose.rotation)

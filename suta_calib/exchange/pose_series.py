@@ -102,8 +102,8 @@ def imported_series(
 
 
 def _check_frames(path: Path, series: Mapping[str, PoseSeries]) -> None:
-    first, *others = series.values()
-    if any([*of.frames] != [*first.frames] for of in others):
+    first, *rest = series.values()
+    if any([*of.frames] != [*first.frames] for of in rest):
         lengths = " and ".join(f"{len(of.frames)} {name}" for name, of in series.items())
         everywhere = set.intersection(*(set(of.frames) for of in series.values()))
         lone = [

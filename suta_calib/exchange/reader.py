@@ -80,9 +80,9 @@ def read_foreign(path: str | Path, form: str | None = None, **options: Any) -> I
 
 def _check_options(path: Path, reader: Reader, options: Mapping[str, Any]) -> None:
     """Refuse an option that only formats have which the file was not taken for."""
-    known = {option.name for option in reader.options}
+    offered = {option.name for option in reader.options}
     for name, value in options.items():
-        if name in known or value is None or value is False or value == ():
+        if name in offered or value is None or value is False or value == ():
             continue
         takers = [
             other.name

@@ -151,9 +151,11 @@ def recognised_format(path: Path) -> FileFormat | None:
     quoted = shlex.quote(str(path))
     with suppress(SutaCalibError, OSError, ValueError):
         head = beginning(path)
-        for own in _OWN:
-            if own.begins(head):
-                return FileFormat(own.name, own.command.format(quoted), own.read_by, own.read_as)
+        for form in _OWN:
+            if form.begins(head):
+                return FileFormat(
+                    form.name, form.command.format(quoted), form.read_by, form.read_as
+                )
         reader = recognised(path)
         if reader.name == TABLE:
             return None

@@ -101,13 +101,13 @@ def imported_rests(
     everything: dict[str, Sequence[Any]] = {**(seen or {})}
     if pictures is not None:
         everything["picture"] = pictures
-    for what, each in everything.items():
-        usable = [k for k in usable if each[k] is not None]
+    for what, by_rest in everything.items():
+        usable = [k for k in usable if by_rest[k] is not None]
         if not usable:
             problem = f"{len(rests)} rests, but no {what} during any of them"
             raise ForeignFileError(problem, f"{what}s with times of the same clock", file=path)
-    for each in (seen or {}).values():
-        rows = [row for k in usable if (row := each[k]) is not None]
+    for by_rest in (seen or {}).values():
+        rows = [row for k in usable if (row := by_rest[k]) is not None]
         columns |= {name: np.array([row[name] for row in rows]) for name in rows[0]}
     if pictures is not None:
         for k in usable:

@@ -91,8 +91,8 @@ def ball_in(points: FloatArray, radius: float) -> Ball | None:
             distinct.append(ball)
     if not distinct:
         return None
-    best, *others = distinct
-    equal = [ball.points for ball in others if ball.fits(radius) == best.fits(radius)]
+    best, *worse = distinct
+    equal = [ball.points for ball in worse if ball.fits(radius) == best.fits(radius)]
     rival = max(equal, default=0) / best.points
     return replace(best, rival=rival)
 

@@ -130,11 +130,11 @@ class Lens:
             ideal = self.undistorted(pixels, intrinsics)
             there = np.concatenate([ideal, np.ones_like(ideal[..., :1])], axis=-1)
             return np.asarray(there / np.linalg.norm(there, axis=-1, keepdims=True))
-        seen, values = _less_focus(pixels, intrinsics)
-        length = np.linalg.norm(seen, axis=-1)
+        on_plane, values = _less_focus(pixels, intrinsics)
+        length = np.linalg.norm(on_plane, axis=-1)
         angle = _angle_of(length, values[4:])
         part = np.sin(angle) / np.where(length > 0, length, 1.0)
-        return np.concatenate([seen * part[..., None], np.cos(angle)[..., None]], axis=-1)
+        return np.concatenate([on_plane * part[..., None], np.cos(angle)[..., None]], axis=-1)
 
     def undistorted(self, pixels: ArrayLike, intrinsics: ArrayLike | Sequence[float]) -> FloatArray:
         """Coordinates at unit depth (..., 2) of what is seen at pixels (..., 2).

@@ -64,8 +64,8 @@ def _fill(found: FloatArray, readings: list[float], slack: float) -> None:
     """Ways (n, TURNS) of one joint in one recording, of motion beyond a slack either way."""
     memory = JointMemory(slack)
     for row, reading in enumerate(readings):
-        kept = memory.after(reading)
-        found[row, : len(kept)] = kept
+        turns = memory.after(reading)
+        found[row, : len(turns)] = turns
 
 
 class JointMemory:

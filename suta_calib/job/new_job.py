@@ -236,8 +236,8 @@ def _explained(folders: Mapping[tuple[str, str], tuple[str, str]]) -> Iterator[s
         if kind not in printed:
             yield _wrapped(f"{kind}: {term.about}", "  # ")
         printed.add(kind)
-        first, *others = (f"{key}: {value}" for key, value in keys.items())
-        yield "\n    ".join([f"  - {first}", *others])
+        first, *rest = (f"{key}: {value}" for key, value in keys.items())
+        yield "\n    ".join([f"  - {first}", *rest])
         yield from (f"    # {line}" for line in term.begun)
         if finds_places(term):
             yield _POSE

@@ -73,9 +73,9 @@ def _chain_of(term: Term) -> ArmModel | None:
 def _together(scenes: Sequence[Scene]) -> Scene:
     """Chains as one robot: a line of each, which what is not a number interrupts."""
     parts = list[Part]()
-    for part, *others in zip(*(scene.parts for scene in scenes), strict=True):
+    for part, *rest in zip(*(scene.parts for scene in scenes), strict=True):
         gap = [np.full((1, 3), np.nan)] if isinstance(part, Line) else []
-        points = [part.points, *(p for other in others for p in (*gap, other.points))]
+        points = [part.points, *(p for other in rest for p in (*gap, other.points))]
         parts.append(replace(part, points=np.concatenate(points)))
     return Scene(tuple(parts))
 

@@ -145,8 +145,8 @@ def _observation(row: YamlSection, *, filled: bool = True) -> ObservationSpec:
     empty = not filled and all(in_empty_folder(p, row.document.path.parent) for p in patterns)
     files = patterns, () if empty else row.files("samples")
     values = COMMON_KEYS.values(row)
-    own = f"sigma_{kind.unit}".rstrip("_")
-    levels = ("sigma_mm", "sigma_deg") if kind.unit == "mm" else (own,)
+    sigma_key = f"sigma_{kind.unit}".rstrip("_")
+    levels = ("sigma_mm", "sigma_deg") if kind.unit == "mm" else (sigma_key,)
     if values.get("sigma_fixed") and not any(level in row for level in levels):
         raise row.refuse(
             "fixed: true without a noise level", f"{' or '.join(levels)} beside it", at=("fixed",)

@@ -418,9 +418,9 @@ def read_board(path: str | Path) -> Board:
     # Sizes of a whole board, m, beyond which its file is in another unit than mm.
     smallest, largest = 2e-3, 30.0
     places = np.array(list(board.points.values()))
-    known = places[np.isfinite(places).all(axis=1)]
+    finite = places[np.isfinite(places).all(axis=1)]
     sizes = [m.size for m in board.markers.values()] if isinstance(board, Markers) else []
-    size = float(np.ptp(known, axis=0).max()) if len(known) else float(np.fmax.reduce(sizes))
+    size = float(np.ptp(finite, axis=0).max()) if len(finite) else float(np.fmax.reduce(sizes))
     if not np.isnan(size) and not smallest <= size <= largest:
         raise top.refuse(
             f"a board of {mm(size):.3g} mm",

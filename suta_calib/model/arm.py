@@ -403,14 +403,14 @@ class ArmModel(Mechanism):
             beside: parameters of the other chains, which nothing of this one depends on.
         """
         column = {joint.name: k for k, joint in enumerate(readings)}
-        own = self.joints
+        own_joints = self.joints
         arm = self._renewed()
         arm.readings, arm.bodies, arm.beside = readings, bodies, beside
         arm.segments, arm.loop_segments = (
             tuple(
                 replace(
                     s,
-                    column=column[own[s.column]],
+                    column=column[own_joints[s.column]],
                     others={joint: column[joint] for joint in s.others},
                 )
                 for s in segments
@@ -428,12 +428,12 @@ class ArmModel(Mechanism):
         Args:
             others: laid out over the same columns of readings.
         """
-        own = {joint.name for joint in self.chain.joints}
-        counted, branches = set(own), list[HangingArm]()
+        on_chain = {joint.name for joint in self.chain.joints}
+        counted, branches = set(on_chain), list[HangingArm]()
         for arm in others:
             if any(joint.climbed for joint in (*self.chain.joints, *arm.chain.joints)):
                 continue
-            branch = self._branch(arm, own, counted)
+            branch = self._branch(arm, on_chain, counted)
             counted |= {joint.name for joint in arm.chain.joints}
             if branch is not None:
                 branches.append(branch)

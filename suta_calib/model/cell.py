@@ -66,7 +66,7 @@ def own_names(names: Collection[str]) -> dict[str, str]:
     """
     alone = {name: name.rpartition("/")[2] for name in names if "/" in name}
     times = Counter(alone.values())
-    return {n: own for n, own in alone.items() if times[own] == 1 and own not in names}
+    return {n: short for n, short in alone.items() if times[short] == 1 and short not in names}
 
 
 def joined_tree(
@@ -84,12 +84,12 @@ def joined_tree(
         if not _NAME.fullmatch(str(name)):
             expected = "letters, digits, '_' and '-'"
             raise UrdfError(f"the robot {str(name)!r}", expected, where="robots")
-    first, *others = urdfs
+    first, *rest = urdfs
     for name in poses:
-        if name not in others:
-            hint = did_you_mean(name, others)
+        if name not in rest:
+            hint = did_you_mean(name, rest)
             found = f"a pose of the base of {name!r}"
-            expected = f"of {' or '.join(others)}, in the base of {first}"
+            expected = f"of {' or '.join(rest)}, in the base of {first}"
             raise UrdfError(found, expected, where="robots", hint=hint)
     trees = {name: read_tree(urdf) for name, urdf in urdfs.items()}
     cell = etree.Element("robot", name=" and ".join(urdfs))
@@ -97,22 +97,22 @@ def joined_tree(
         for tag in _NAMED:
             for element in children(tree.element, tag):
                 cell.append(_renamed(element, name))
-    for name in others:
+    for name in rest:
         cell.append(_carrying(trees[first].root, trees[name].root, (first, name), poses.get(name)))
     path = trees[first].path.with_name(" + ".join(tree.path.name for tree in trees.values()))
     tree = tree_of(path, etree.tostring(cell, pretty_print=True), cell, ())
-    own = {field.name: getattr(tree, field.name) for field in fields(tree)}
-    return CellTree(**own, members=trees, placed=tuple(poses))
+    of_tree = {field.name: getattr(tree, field.name) for field in fields(tree)}
+    return CellTree(**of_tree, members=trees, placed=tuple(poses))
 
 
 def _renamed(element: Element, robot: str) -> Element:
     """A copy in which all links and joints are called after their robot."""
     copied = deepcopy(element)
     copied.tail = None
-    for each in copied.iter():
-        key = _CALLED.get(tag_of(each))
-        if key and each.get(key):
-            each.set(key, within(robot, each.get(key)))
+    for child in copied.iter():
+        key = _CALLED.get(tag_of(child))
+        if key and child.get(key):
+            child.set(key, within(robot, child.get(key)))
     return copied
 
 

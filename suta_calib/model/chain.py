@@ -264,9 +264,9 @@ def other_chains(tree: UrdfTree, tip: str) -> list[str]:
     passed = {joint.name for joint in tree.path_to_root(tip)}
     chains = []
     for path in paths:
-        own = [joint for joint in path if joint.moves and joint.name not in passed]
+        moving = [joint for joint in path if joint.moves and joint.name not in passed]
         carried = any(joint.parent == tip for joint in path)
-        if len(own) >= joints_of_an_arm and not carried:
+        if len(moving) >= joints_of_an_arm and not carried:
             chains.append(path[-1].child)
             passed |= {joint.name for joint in path}
     return chains

@@ -710,12 +710,12 @@ def passive_angles(loops: Sequence[ClosedLoop], nominal: Mapping[str, float], wi
     Before them a number (loops), m: how far apart the ends of each loop stay where it cannot close.
     """
     q = ca.SX.sym("q", width)
-    walk, apart = _Walk([], ca.SX(0, 1), nominal), list[Symbol]()
+    walk, gaps = _Walk([], ca.SX(0, 1), nominal), list[Symbol]()
     for loop in loops:
-        apart.append(loop.loop.apart(_reach(loop, walk, q)))
+        gaps.append(loop.loop.apart(_reach(loop, walk, q)))
         _close(loop, walk, q)
     angles = [angle for angle, _ in walk.passive.values()]
-    outputs = [ca.densify(output) for output in (ca.vertcat(*apart), *angles)]
+    outputs = [ca.densify(output) for output in (ca.vertcat(*gaps), *angles)]
     return ca.Function("passive", [q], outputs, ["q"], ["apart", *walk.passive])
 
 
@@ -737,8 +737,8 @@ def _reach(loop: ClosedLoop, walk: _Walk, q: Symbol) -> Reach:
 
 def _close(loop: ClosedLoop, walk: _Walk, q: Symbol) -> None:
     """Tell a walk the angles of a loop's passive joints, and how they change with parameters."""
-    told = (walk.direction, walk.warmth, walk.travel)
-    conditions = [c for c in told if c is not None]
+    given = (walk.direction, walk.warmth, walk.travel)
+    conditions = [c for c in given if c is not None]
     reach = _reach(loop, walk, q)
     angles, slopes = loop.loop.solved(reach, walk.theta, [q, *conditions])
     for k, name in enumerate(loop.loop.passive):

@@ -162,12 +162,12 @@ def with_loops(tree: UrdfTree, chain: Chain, loops: Iterable[Loop]) -> Chain:
         UrdfError: as of `loop_of`, or loops that need one another.
     """
     every = [loop_of(tree, loop) for loop in loops]
-    needed, wanted = list[LoopJoints](), {joint.name for joint in chain.joints}
+    needed, used = list[LoopJoints](), {joint.name for joint in chain.joints}
     # A loop that moves a joint of another loop is solved before it.
     for loop in reversed(every):
-        if wanted & set(loop.passive):
+        if used & set(loop.passive):
             needed.insert(0, loop)
-            wanted |= {joint.name for joint in loop.joints}
+            used |= {joint.name for joint in loop.joints}
     if not needed:
         return chain
     passive = {name for loop in needed for name in loop.passive}

@@ -325,15 +325,15 @@ class Selection(Displayable):
     def __post_init__(self) -> None:
         given = (self.select,) if isinstance(self.select, str) else self.select
         place: dict[str, Any] = {"line": self.line, "where": "parameters: select"}
-        if not isinstance(given, Iterable) or not all(isinstance(each, str) for each in given):
+        if not isinstance(given, Iterable) or not all(isinstance(entry, str) for entry in given):
             raise ParameterError(repr(given), "names, globs, or 'geometric'", **place)
         object.__setattr__(self, "select", tuple(given))
-        for each in fields(self):
-            size = getattr(self, each.name)
-            if not each.name.startswith(("bound", "prior")) or size is None:
+        for entry in fields(self):
+            size = getattr(self, entry.name)
+            if not entry.name.startswith(("bound", "prior")) or size is None:
                 continue
             if not (isinstance(size, Real) and float(size) >= LEAST_SIZE):
-                place["where"] = f"parameters: {each.name}"
+                place["where"] = f"parameters: {entry.name}"
                 raise ParameterError(repr(size), f"a number greater than {LEAST_SIZE:g}", **place)
 
     def sizes(self, unit: Unit) -> tuple[float | None, float | None]:
@@ -349,7 +349,7 @@ class Selection(Displayable):
 
     def applied_to(self, parameter: Parameter) -> Parameter:
         """The parameter with this row's bounds and prior in place of its own."""
-        priors = [each.name for each in fields(self) if each.name.startswith("prior")]
+        priors = [entry.name for entry in fields(self) if entry.name.startswith("prior")]
         if self.fixed and all(getattr(self, name) is None for name in priors):
             return replace(parameter, free=False)
         return parameter.bounded(*self.sizes(parameter.unit), self.fixed)

@@ -155,9 +155,9 @@ class Robot(Mechanism):
                 raise
             hint = f"robot.chains[{near!r}] is the chain of that name; {error.hint}"
             raise UrdfError.of(error, error.file, error.line, hint=hint) from None
-        for known in self.chains.values():
-            if known.chain.ends == chain.ends:
-                return known
+        for existing in self.chains.values():
+            if existing.chain.ends == chain.ends:
+                return existing
         name = name or (tip if tip not in self.chains else f"{chain.base} to {tip}")
         if name in self.chains:
             hint = "give it another name"

@@ -91,8 +91,8 @@ def common_covariance(
     if not whole:
         return bread @ _positive(expected - white, white) @ bread
     # What one eye sees is displaced and turned at once, and so is the hand that they share.
-    shared, apart = sum(pulls, np.zeros_like(pulls[0]))
-    expected += apart.T @ apart
+    shared, single = sum(pulls, np.zeros_like(pulls[0]))
+    expected += single.T @ single
     if len(shared) >= TELLING:
         expected += shared.T @ shared - sum(p[0].T @ p[0] for p in pulls)
     return bread @ _positive(expected, white) @ bread
@@ -134,8 +134,8 @@ def _variances(
             views, (residual, jacobian) = views[1:], turned
     mean, slope, _ = views[0]
     # What rows of a rest do not share: nothing of one eye, all that places two eyes to each other.
-    apart = jacobian - slope[rests]
-    told_apart = _rank(apart) if several else 0
+    not_shared = jacobian - slope[rests]
+    told_apart = _rank(not_shared) if several else 0
     followed = _rank(slope if several else jacobian)
     inside = float(np.sum((residual - mean[rests]) ** 2))
     inside /= max(size * (n - groups) - told_apart, 1)
@@ -185,7 +185,7 @@ def _variances(
     expected = np.tensordot(belief / belief.sum(), np.concatenate(variances), axes=1)
     numbers = np.array([size * groups, size * (n - groups)])
     spread = np.sqrt(numbers / np.maximum(numbers - [followed, told_apart], 1))
-    scores = np.einsum("ndp,nd->np", apart * weight[:, None], residual)
+    scores = np.einsum("ndp,nd->np", not_shared * weight[:, None], residual)
     of_means = np.einsum("ndp,nd->np", views[0][2], mean)
     pulls_of_rests = np.stack([of_means, summed(scores, rests, groups)])
     return expected, white, spread[:, None, None] * pulls_of_rests

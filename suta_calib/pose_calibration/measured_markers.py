@@ -56,8 +56,8 @@ def measured_markers(
         v, C = x[lengths], covariance[np.ix_(lengths, lengths)]
         unit = np.sqrt(np.maximum(np.diag(C), 1e-300))
         inverse = np.linalg.pinv(C / np.outer(unit, unit), 1e-12, hermitian=True)
-        told = float((v / unit) @ inverse @ (v / unit))
-        scale = LengthScale(max(told**-0.5 if told > 0 else 1.0, INSTRUMENT_PPM * PPM))
+        precision = float((v / unit) @ inverse @ (v / unit))
+        scale = LengthScale(max(precision**-0.5 if precision > 0 else 1.0, INSTRUMENT_PPM * PPM))
     return Markers(board.dictionary, markers, scale=scale)
 
 

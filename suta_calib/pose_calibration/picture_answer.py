@@ -256,12 +256,12 @@ def _against_the_file(camera: CameraEstimate) -> tuple[str, Level]:
             f"{key} {given.values[key]:.2f} → {by_pictures.values[key]:.2f} ± {std:.2f}"
             for key, std in zip(("fx", "fy", "cx", "cy"), stds, strict=False)
         ]
-        told = (
+        sentence = (
             f"The pictures contradict the fixed intrinsics ({', '.join(changes)} px). X follows "
             "the camera's file, and its ± does not include this error. Let the pictures correct "
             f"the intrinsics (--intrinsics free), or correct the file. {COUNTED}"
         )
-        return (told, "care") if any(off) else ("", "good")
+        return (sentence, "care") if any(off) else ("", "good")
     prior = given.stds if given.stds is not None else CALIBRATED.stds(given)
     expected = stated if given.covariance is not None else np.diag(prior**2)
     for pair in PAIRS:

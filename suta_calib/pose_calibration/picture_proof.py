@@ -27,8 +27,8 @@ def pictures_with_proof(answer: PictureCalibration) -> PictureCalibration:
     """
     failed = list[str]()
     start = attempt("proven: where the answer started", lambda: _proof(answer), None, failed)
-    told = [] if start is None or start.good else [start.sentence]
-    return replace(answer, optimality=start, notes=(*answer.notes, *told, *failed))
+    notes = [] if start is None or start.good else [start.sentence]
+    return replace(answer, optimality=start, notes=(*answer.notes, *notes, *failed))
 
 
 def _proof(answer: PictureCalibration) -> PictureOptimality:

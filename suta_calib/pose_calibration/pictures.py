@@ -157,17 +157,17 @@ def _enough(
 ) -> tuple[list[View], list[CameraView], list[str]]:
     """Those with enough pictures, where their camera has others; notes on what is left out."""
     located = [int(term.pictures.posed.sum()) for term in terms]
-    kept, notes = list[int](), list[str]()
+    usable, notes = list[int](), list[str]()
     for k, view in enumerate(views):
-        others = (located[m] >= FEWEST for m, v in enumerate(views) if v.label == view.label)
-        if located[k] >= FEWEST or not any(others):
-            kept.append(k)
+        same_camera = (located[m] >= FEWEST for m, v in enumerate(views) if v.label == view.label)
+        if located[k] >= FEWEST or not any(same_camera):
+            usable.append(k)
             continue
         notes.append(
             f"Camera {view.label} saw target {view.target} in {located[k]} usable pictures: they "
             f"are left out, because {FEWEST} are needed."
         )
-    return [views[k] for k in kept], [terms[k] for k in kept], notes
+    return [views[k] for k in usable], [terms[k] for k in usable], notes
 
 
 def _refuse_exchanged(terms: Sequence[CameraView], views: Sequence[View], seed: int | None) -> None:
@@ -239,9 +239,9 @@ def _term(
         expected = "a camera's file for fixed intrinsics"
         raise SamplesError("no camera", expected, where="--intrinsics")
     rows = hand.of_eye(view.label)
-    seen = np.isin(hand.image[rows], view.corners.image)
+    in_pictures = np.isin(hand.image[rows], view.corners.image)
     # Of several cameras and boards not every one is seen everywhere.
-    rows = rows[seen] if several and seen.any() else rows
+    rows = rows[in_pictures] if several and in_pictures.any() else rows
     samples = Samples.from_arrays(
         [],
         np.zeros((len(rows), 0)),
@@ -368,10 +368,10 @@ def _camera_estimate(
             camera, intrinsics=freed.x[of].copy(), covariance=freed.covariance[np.ix_(of, of)]
         )
     X, Z = pose_named(values, eye), pose_named(values, board)
-    seen = term.board
-    if isinstance(seen, SurveyedMarkers):
-        seen = seen.at(term.sees_board, values)
-    refined = replace(term, camera=camera, board=seen)
+    refined_board = term.board
+    if isinstance(refined_board, SurveyedMarkers):
+        refined_board = refined_board.at(term.sees_board, values)
+    refined = replace(term, camera=camera, board=refined_board)
     A = as_eye_in_hand(hand.pose, term.setup)
     rows = np.array([int(origin) for origin in term.poses.samples.origin], dtype=np.intp)
     A = A[0][rows], A[1][rows]

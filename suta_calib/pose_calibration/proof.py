@@ -58,8 +58,8 @@ def with_proof(answer: A) -> A:
     )
     if optimality is None:
         return replace(answer, unjudged=(*answer.unjudged, *failed))
-    told = () if optimality.certified else (optimality.sentence,)
-    return replace(answer, optimality=optimality, unjudged=(*answer.unjudged, *told))
+    notes = () if optimality.certified else (optimality.sentence,)
+    return replace(answer, optimality=optimality, unjudged=(*answer.unjudged, *notes))
 
 
 def _proof(answer: RobustAnswer) -> Optimality:

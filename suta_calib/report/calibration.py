@@ -306,7 +306,7 @@ def _untold(result: Calibration) -> Iterator[Part]:
     solution = result.solution
     combinations = solution.identification.combinations
     moving = [_that_move(solution, c.direction) for c in combinations]
-    named = [combination(each, c.fixed) for each, c in zip(moving, combinations, strict=True)]
+    named = [combination(group, c.fixed) for group, c in zip(moving, combinations, strict=True)]
     if solution.converged:
         arm = set(solution.problem.names[: solution.problem.arm_count])
         of_arm = [e for e in result.explanations if e.fixed in arm or not arm]
@@ -319,7 +319,7 @@ def _untold(result: Calibration) -> Iterator[Part]:
         if not result.explanations:
             yield Text("Nothing: every parameter that the job frees was estimated.", place="page")
         yield from _held(result)
-        several = [name for name, each in zip(named, moving, strict=True) if len(each) > 1]
+        several = [name for name, group in zip(named, moving, strict=True) if len(group) > 1]
         if several:
             yield COMBINATIONS.of(
                 several, f"Combinations that change no observation ({len(several)})", folded=True

@@ -102,8 +102,8 @@ class InverseKinematics:
         limits = np.array([(joint.lower, joint.upper) for joint in arm.readings]).T
         lower, upper = np.where(unlimited, [[-np.inf], [np.inf]], limits)
         # Joints of other chains of a robot stay at zero.
-        own = np.isin(arm.joints, arm.own_joints)
-        self._lower, self._upper = np.where(own, [lower, upper], 0.0)
+        of_chain = np.isin(arm.joints, arm.own_joints)
+        self._lower, self._upper = np.where(of_chain, [lower, upper], 0.0)
 
     @property
     def middle(self) -> FloatArray:

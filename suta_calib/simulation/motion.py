@@ -99,11 +99,11 @@ def passage(
         # The rows have neighbours at all times.
         time = np.arange(0.0, path.x[-1], motion.step)
         seen_at = path(np.clip(time + motion.time_offset, 0.0, path.x[-1]))
-        kept = np.ones(len(time), dtype=bool) if in_sight is None else in_sight(seen_at)
-        if kept.sum() >= rows:
-            first = np.flatnonzero(kept)[:rows]
+        visible = np.ones(len(time), dtype=bool) if in_sight is None else in_sight(seen_at)
+        if visible.sum() >= rows:
+            first = np.flatnonzero(visible)[:rows]
             return Passage(time[first], path(time[first]), motion.time_offset, path)
-        legs = 1 + math.ceil(1.2 * legs * rows / max(int(kept.sum()), rows / 4))
+        legs = 1 + math.ceil(1.2 * legs * rows / max(int(visible.sum()), rows / 4))
 
 
 def _smooth(through: FloatArray, largest: FloatArray) -> CubicSpline:

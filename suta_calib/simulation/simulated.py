@@ -400,12 +400,12 @@ def _moving(
     rng: np.random.Generator,
 ) -> Passage:
     """An arm on its way through random configurations, while what is looked at is in sight."""
-    arm, whole = kinematics.arm, full_circle(kinematics.true)
+    arm, endless = kinematics.arm, full_circle(kinematics.true)
     slides = np.array([joint.type == "prismatic" for joint in arm.readings])
 
     def postures(count: int) -> FloatArray:
         q = _in_sight(replace(plan, samples=count), kinematics, values, rng)
-        q[:, whole] = np.unwrap(q[:, whole], axis=0)
+        q[:, endless] = np.unwrap(q[:, endless], axis=0)
         return q
 
     def in_sight(q: FloatArray) -> BoolArray:

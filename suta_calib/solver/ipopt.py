@@ -137,7 +137,7 @@ class AnyIpopt:
     def __init__(self, n: int, limits: tuple[int, float]) -> None:
         self._shared: Any = None
         z: Any = ca.MX.sym("z", n)
-        told = ("x", "f", "g", "lam_x", "lam_g", "lam_p")
+        arguments = ("x", "f", "g", "lam_x", "lam_g", "lam_p")
         cost = _Callback("cost", n, ("x",), ("f",), lambda z: [self._shared(z)[0]])
         gradient = _Callback(
             *("nlp_grad_f", n, ("x", "p"), ("f", "grad_f_x")),
@@ -148,7 +148,7 @@ class AnyIpopt:
             lambda z, _, factor, __: [ca.triu(ca.DM(float(factor) * self._shared(z)[2]))],
         )
         progress = _Callback(
-            "progress", n, told, ("stop",), lambda _, f, *__: [self._shared.stalled(float(f))]
+            "progress", n, arguments, ("stop",), lambda _, f, *__: [self._shared.stalled(float(f))]
         )
         # CasADi does not keep Python callbacks alive: the solver must.
         self._callbacks = (cost, gradient, hessian, progress)

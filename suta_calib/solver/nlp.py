@@ -166,11 +166,13 @@ def symbolic_cost(
     own_symbols = x[problem.arm_count :]
     cost: Symbol = ca.MX(0)
     evaluation = problem.evaluation
-    for view, known, sigma in zip(evaluation.views, evaluation.known_sigmas, sigmas, strict=True):
+    for view, known_sigma, sigma in zip(
+        evaluation.views, evaluation.known_sigmas, sigmas, strict=True
+    ):
         poses = rotation, position
         if isinstance(view.late, ArmPoses):
             poses = _tips(problem, x, view.late, problem.terms[view.source], near)
-        cost += _block_cost(view, np.hypot(sigma, known), *poses, own_symbols)
+        cost += _block_cost(view, np.hypot(sigma, known_sigma), *poses, own_symbols)
     return cost / 2
 
 

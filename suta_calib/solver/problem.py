@@ -221,8 +221,8 @@ class Problem:
 
 def _columns_of(block: Block, columns: IntArray, clock: Sequence[int]) -> IntArray:
     """(n, m) which of a problem's own parameters the rows look at: the term's, then its clock."""
-    own = columns[block.own_columns] if block.own_columns.shape[1] else block.own_columns
-    return np.hstack([own, np.tile(np.array(clock, dtype=np.intp), (len(own), 1))])
+    of_term = columns[block.own_columns] if block.own_columns.shape[1] else block.own_columns
+    return np.hstack([of_term, np.tile(np.array(clock, dtype=np.intp), (len(of_term), 1))])
 
 
 def _own_parameters(terms: Sequence[Term]) -> dict[str, Parameter]:

@@ -53,18 +53,20 @@ def with_sensors_mounted(arm: _AnyArm, terms: Sequence[Term]) -> _AnyArm:
     """The arm, with the mountings of its sensors and what is up as samples have them."""
     poses = [term.poses for term in terms if isinstance(term.poses, ArmPoses)]
     by_sensor = dict[TiltSensor, list[tuple[FloatArray, FloatArray]]]()
-    for each in poses:
-        for link in each.arm.tilted if "tilt" in each.conditions else ():
-            felt = each.conditions["tilt"][:, link.column : link.column + 3]
+    for arm_poses in poses:
+        for link in arm_poses.arm.tilted if "tilt" in arm_poses.conditions else ():
+            felt = arm_poses.conditions["tilt"][:, link.column : link.column + 3]
             rows = np.flatnonzero(felt.any(axis=1))
             if len(rows):
-                q = each.samples.q[rows]
-                rotation, _ = each.arm.link_poses(link.sensor.link, q)
-                in_root = each.arm.root_axes @ rotation
+                q = arm_poses.samples.q[rows]
+                rotation, _ = arm_poses.arm.link_poses(link.sensor.link, q)
+                in_root = arm_poses.arm.root_axes @ rotation
                 by_sensor.setdefault(link.sensor, []).append((in_root, felt[rows]))
     if not by_sensor:
         return arm
-    up = next(each.arm.root_axes @ each.arm.up for each in poses if each.arm.tilted)
+    up = next(
+        arm_poses.arm.root_axes @ arm_poses.arm.up for arm_poses in poses if arm_poses.arm.tilted
+    )
     data = {s: tuple(map(np.concatenate, zip(*d, strict=True))) for s, d in by_sensor.items()}
     lean, mounts = agreeing(up, data)
     nominal = dict(zip(UP, vector_from_rotation(lean).tolist(), strict=True))
@@ -83,10 +85,10 @@ def agreeing(
     """
     lean, mounts = np.eye(3), dict[TiltSensor, FloatArray]()
     for sensor, (rotation, felt) in data.items():
-        said = np.eye(3) if sensor.rpy is None else rotation_from_rpy(sensor.rpy)
+        stated = np.eye(3) if sensor.rpy is None else rotation_from_rpy(sensor.rpy)
         together = np.einsum("nji,j,nk->ik", rotation, up, felt) / len(felt)
         # Where it hangs upside down, what was said does not tell about which axis.
-        mounts[sensor] = nearest_rotation(together + _SAID * said)
+        mounts[sensor] = nearest_rotation(together + _SAID * stated)
     # The two ways to lean, and three for each sensor: leans of degrees take a few steps.
     across = np.linalg.svd(up[None])[2][1:].T
     for _ in range(5):

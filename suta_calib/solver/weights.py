@@ -155,7 +155,7 @@ def learn_weights(
     away = (x - problem.parameters.array("nominal"))[free]
     stays = energy_of_prior(precision * [name is None for name in names], away)
     trust = _independent_shares(problem, rows)
-    known_variance = [float(np.mean(each.line.known_sigma**2)) for each in rows]
+    known_variance = [float(np.mean(row.line.known_sigma**2)) for row in rows]
     given = np.concatenate([problem.assumed_sigmas(), np.ones(len(groups))])
     noise, factors = slice(0, len(blocks)), slice(len(blocks), None)
     # Logarithmic standard deviation of what must stay.

@@ -199,9 +199,9 @@ class StereotacticData(Displayable):
         path = path_of(prefix, "calreadings")
         readings = read_calibration_readings(path)
         for name, part in (("N_D", "base"), ("N_A", "optical"), ("N_C", "em")):
-            seen, known = getattr(readings, part), getattr(body, part)
-            agree(path, name, seen.shape[1], "markers", len(known), calbody)
-            same_size(path, seen, calbody, known)
+            observed, expected = getattr(readings, part), getattr(body, part)
+            agree(path, name, observed.shape[1], "markers", len(expected), calbody)
+            same_size(path, observed, calbody, expected)
         em_pivot = read_em_frames(path_of(prefix, "empivot"))
         path = path_of(prefix, "optpivot")
         optical_pivot = read_optical_pivot(path)

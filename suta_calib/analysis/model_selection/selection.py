@@ -264,7 +264,7 @@ def choose_model(
         return choice
     # Residuals show them; left-out data must confirm them as they do anything else.
     geared = arm.at({f"{gear.joint}.{GEAR_RATIO}": float(gear.ratio) for gear in gears})
-    of_geared = [_of_arm(some, geared) for some in (terms, validation)]
+    of_geared = [_of_arm(part, geared) for part in (terms, validation)]
     again = _choose(of_geared[0], parameters, of_geared[1], families, seed, progress)
     used = tuple(g for g in gears if {f"{g.joint}.{key}" for key in RIPPLE} & {*again.added})
     return replace(again, gears=used) if used else choice
@@ -550,10 +550,12 @@ def _rows(arm: AnyArm | None, names: Sequence[str]) -> tuple[Selection, ...]:
     """Rows that select these, within what is plausible: one for each size of it."""
     assert arm is not None
     rows, order = [], [*BOUNDS]
-    alike = defaultdict[tuple[Unit, float], list[str]](list)
+    by_bound = defaultdict[tuple[Unit, float], list[str]](list)
     for name in names:
-        alike[arm.offered[name].unit, arm.offered[name].plausible].append(name)
-    for (unit, plausible), of_unit in sorted(alike.items(), key=lambda row: order.index(row[0][0])):
+        by_bound[arm.offered[name].unit, arm.offered[name].plausible].append(name)
+    for (unit, plausible), of_unit in sorted(
+        by_bound.items(), key=lambda row: order.index(row[0][0])
+    ):
         bound: dict[str, Any] = {BOUNDS[unit]: plausible}
         rows.append(Selection(tuple(of_unit), **bound))
     return tuple(rows)

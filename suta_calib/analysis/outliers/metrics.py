@@ -76,11 +76,11 @@ class JudgedFit:
         sigmas = self.reference.block_sigmas(fit.problem.terms)
         information = predicted_information(fit.problem, fit.x, sigmas)
         arm = [names.index(n) for n in self.moved]
-        own = [
+        of_term = [
             k for k, n in enumerate(names) if n in self.reference.estimated and k not in set(arm)
         ]
         prior = fit.problem.prior_precision()[arm]
-        return Influence.of(information.curvature, information.variance, prior, arm, own)
+        return Influence.of(information.curvature, information.variance, prior, arm, of_term)
 
     @cached_property
     def registered(self) -> Registered | None:

@@ -284,7 +284,7 @@ class Outliers(Displayable):
             The figure.
         """
         figure = plotting.figure_or_new(figure, (9.0, 7.0))
-        outliers.draw_metrics(figure, [each for each in self.terms if each.levels][term])
+        outliers.draw_metrics(figure, [search for search in self.terms if search.levels][term])
         return figure
 
     @property

@@ -109,7 +109,7 @@ def find_outliers(
     if not solution.converged:
         return Outliers(solution, [not_searched(t) for t in problem.terms], thresholds, ())
     arm = whole_arm(problem.arm, problem.arm_parameters)
-    total = 2 * sum(len(chosen_groups(g, None)) for own in levels for g in own)
+    total = 2 * sum(len(chosen_groups(g, None)) for reference in levels for g in reference)
     numbers = itertools.count(1)
 
     def count() -> None:
@@ -119,9 +119,9 @@ def find_outliers(
 
     terms = []
     for k, (term, groups) in enumerate(zip(problem.terms, levels, strict=True)):
-        own = ReferenceFit.of(solution, problem.arm_parameters, k)
-        judge = Judge(own, _alike(term, validation))
-        terms.append(TermSearch(own, arm, judge, thresholds, options.seed, count).run(groups))
+        reference = ReferenceFit.of(solution, problem.arm_parameters, k)
+        judge = Judge(reference, _alike(term, validation))
+        terms.append(TermSearch(reference, arm, judge, thresholds, options.seed, count).run(groups))
     return Outliers(solution, terms, thresholds, tuple(p.name for p in arm.values() if p.free))
 
 

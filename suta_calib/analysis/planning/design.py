@@ -283,8 +283,8 @@ class Design(Displayable):
     @property
     def work(self) -> float:
         """Multiplications, about, of looking for the next candidate."""
-        count, unknowns, told = self._ranges[0].shape
-        return float(8 * count * unknowns**2 * told)
+        count, unknowns, directions = self._ranges[0].shape
+        return float(8 * count * unknowns**2 * directions)
 
     def with_each(self, start: SharedInformation, chosen: Sequence[int] = ()) -> FloatArray:
         """The criterion (N,) with each candidate added to a choice."""
@@ -303,10 +303,10 @@ class Design(Displayable):
         A candidate informs about few directions: with H = (C + 1)⁻¹ without it, and Q c Qᵀ of its
         own, the inverse is H - H Q (1 + c Qᵀ H Q)⁻¹ c Qᵀ H (Woodbury).
         """
-        basis, own, own_variance = self._ranges
+        basis, own_curvature, own_variance = self._ranges
         one, back = np.eye(len(curvature)), basis.transpose(0, 2, 1)
         bread, filling = np.linalg.inv(curvature + one), variance + one
-        met = np.eye(basis.shape[2]) + own @ (back @ (bread @ basis))
+        met = np.eye(basis.shape[2]) + own_curvature @ (back @ (bread @ basis))
         if self.criterion == "d":
             solved = back @ np.linalg.solve(filling, basis)
             logarithm = np.linalg.slogdet(bread @ filling @ bread)[1]
@@ -314,7 +314,7 @@ class Design(Displayable):
             logarithm += np.linalg.slogdet(np.eye(basis.shape[2]) + own_variance @ solved)[1]
             return np.asarray(0.5 * logarithm / self.arm_count)
         left = np.linalg.inv(met)
-        less, spread = left @ own, bread @ filling @ bread
+        less, spread = left @ own_curvature, bread @ filling @ bread
         weighted = self.weight @ bread
         by_tip = back @ (bread @ weighted @ basis)
         square = np.trace(self.weight @ spread) - 2.0 * _traces(
@@ -329,7 +329,9 @@ class Design(Displayable):
         """(N, r, m) bases of what each candidate informs about; its matrices (N, m, m) in them."""
         bases = [_range(pair) for pair in self.curvature + self.variance]
         most = max(basis.shape[1] for basis in bases)
-        basis = np.stack([np.pad(own, ((0, 0), (0, most - own.shape[1]))) for own in bases])
+        basis = np.stack(
+            [np.pad(narrow, ((0, 0), (0, most - narrow.shape[1]))) for narrow in bases]
+        )
         back = basis.transpose(0, 2, 1)
         return basis, back @ (self.curvature @ basis), back @ (self.variance @ basis)
 

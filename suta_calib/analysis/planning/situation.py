@@ -223,10 +223,10 @@ class Situation(Displayable):
         by_kind: dict[tuple[str, str], float] = {}
         # Of one component of a touch: a distance has those of two.
         touch: list[float] = []
-        blocks = [(own, block) for own in self.problem.terms for block in own.blocks]
-        for (own, block), sigma in zip(blocks, self.sigmas, strict=True):
-            by_kind.setdefault((own.kind, block.name), sigma)
-            touch += [sigma / own.noise_factor] if block.unit == "m" else []
+        blocks = [(fitted, block) for fitted in self.problem.terms for block in fitted.blocks]
+        for (fitted, block), sigma in zip(blocks, self.sigmas, strict=True):
+            by_kind.setdefault((fitted.kind, block.name), sigma)
+            touch += [sigma / fitted.noise_factor] if block.unit == "m" else []
         other = {"m": [*touch, DEFAULT_SIGMA["m"]][0], "rad": DEFAULT_SIGMA["rad"]}
         return [
             by_kind.get((term.kind, block.name), other.get(block.unit, PLAIN_SIGMA))

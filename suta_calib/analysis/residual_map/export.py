@@ -222,8 +222,8 @@ def table_text(record: Mapping[str, Any]) -> str:
 
     moved = near(postures) @ np.array(record["weights"])
     to_support = near(np.array(record["support"]))
-    known = np.einsum("nk,kl,nl->n", to_support, np.array(record["matrix"]), to_support)
-    std = record["unknown_m"] * np.sqrt(np.maximum(1.0 - known, 0.0))
+    explained = np.einsum("nk,kl,nl->n", to_support, np.array(record["matrix"]), to_support)
+    std = record["unknown_m"] * np.sqrt(np.maximum(1.0 - explained, 0.0))
     writer.writerow([*record["joints"], "dx", "dy", "dz", "std"])
     for row in np.hstack([postures, moved, std[:, None]]):
         writer.writerow([f"{value:.9g}" for value in row])

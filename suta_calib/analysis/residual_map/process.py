@@ -81,15 +81,15 @@ class JointCurves(Kernel):  # type: ignore[misc]
 
     def __call__(self, X: Any, Y: Any = None, eval_gradient: bool = False) -> Any:
         """Covariance (n, m), and its derivative (n, m, 2c) by the logarithms."""
-        others, count = X if Y is None else Y, self._count
+        against, count = X if Y is None else Y, self._count
         amplitude, length = np.atleast_1d(self.amplitude), np.atleast_1d(self.length)
-        total = np.zeros((len(X), len(others)))
+        total = np.zeros((len(X), len(against)))
         slopes = np.empty((2 * count if eval_gradient else 0, *total.shape))
         for k in range(count):
-            square = np.subtract.outer(X[:, k], others[:, k])
+            square = np.subtract.outer(X[:, k], against[:, k])
             square *= square / length[k] ** 2
             part = np.exp(-0.5 * square)
-            part *= np.outer(amplitude[k] ** 2 * X[:, count + k], others[:, count + k])
+            part *= np.outer(amplitude[k] ** 2 * X[:, count + k], against[:, count + k])
             total += part
             if eval_gradient:
                 np.multiply(part, 2.0, out=slopes[k])

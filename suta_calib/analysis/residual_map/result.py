@@ -269,8 +269,8 @@ class ResidualMap(Displayable):
         if self.chosen is None:
             return np.zeros((len(q), 3)), np.full((len(q), 3), self.noise)
         jacobian = tip_derivative(self.arm, self.values, q)
-        own = q[:, own_columns(self.arm)]
-        mean, std = self.chosen.process.predict(own, jacobian)
+        readings = q[:, own_columns(self.arm)]
+        mean, std = self.chosen.process.predict(readings, jacobian)
         return mean, std
 
     @cached_property

@@ -40,8 +40,8 @@ class PhyphoxReader(AccelerometerReader):
         for k, name in enumerate(sheet.names):
             if match := _AXIS.fullmatch(name.strip()):
                 axes.setdefault(match[1].lower(), {})[match[2].lower()] = k
-        whole = {name: of for name, of in axes.items() if len(of) == len("xyz")}
-        with_gravity = {n: of for n, of in whole.items() if "linear" not in n} or whole
+        complete = {name: of for name, of in axes.items() if len(of) == len("xyz")}
+        with_gravity = {n: of for n, of in complete.items() if "linear" not in n} or complete
         times = [k for k, name in enumerate(sheet.names) if name.strip().endswith("(s)")]
         if len(with_gravity) != 1 or not times:
             found = f"columns {listed(list(sheet.names), 8)}"

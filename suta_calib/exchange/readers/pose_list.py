@@ -110,11 +110,11 @@ class PoseListReader(Reader):
             return imported_series(path, self.name, by_name, given)
         by_name[hand] = by_name[hand].inverted
         rows = imported_series(path, self.name, by_name, given)
-        told = (
+        remark = (
             "With the camera beside the robot, easy_handeye records the base in the hand as "
             f"{hand}: these poses were inverted."
         )
-        return replace(rows, remarks=(*rows.remarks, told))
+        return replace(rows, remarks=(*rows.remarks, remark))
 
 
 def _document(path: Path, text: str) -> tuple[dict[str, Any], Mapping[KeyPath, int]]:

@@ -197,21 +197,21 @@ def _in_motion(
 
     Joints of other messages are interpolated: of a moving arm, what was told last does not hold.
     """
-    told = dict[str, list[tuple[float, float]]]()
+    by_joint = dict[str, list[tuple[float, float]]]()
     for at, row in messages:
         for name, value in row.items():
-            told.setdefault(name, []).append((at, value))
-    each = dict[str, MovingRows]()
-    for name, values in sorted(told.items()):
+            by_joint.setdefault(name, []).append((at, value))
+    moving = dict[str, MovingRows]()
+    for name, values in sorted(by_joint.items()):
         time, readings = np.array(sorted(values)).T
         clock = Clock.of(path, time)
-        each[name] = MovingRows(path, clock, {name: readings[clock.rows]}, None)
-    slowest = max(each.values(), key=lambda rows: rows.clock.step)
+        moving[name] = MovingRows(path, clock, {name: readings[clock.rows]}, None)
+    slowest = max(moving.values(), key=lambda rows: rows.clock.step)
     at_rows = slowest.clock.time
-    between = {name: Between.of(rows.clock, at_rows) for name, rows in each.items()}
-    known = np.all([where.known for where in between.values()], axis=0)
-    found = {name: rows.between(between[name])[name][known] for name, rows in each.items()}
-    return found, at_rows[known]
+    between = {name: Between.of(rows.clock, at_rows) for name, rows in moving.items()}
+    covered = np.all([where.known for where in between.values()], axis=0)
+    found = {name: rows.between(between[name])[name][covered] for name, rows in moving.items()}
+    return found, at_rows[covered]
 
 
 def _felt(path: Path, bag: _Bag, given: Given) -> GravityLog:
