@@ -21,7 +21,6 @@ from typing import Any, Final
 # Of 60 public descriptions the slowest takes 0.2 s of processor time, of 50 MuJoCo models 0.7 s. A
 # small computer may be ten times slower, and the clock allows for a busy one.
 PROCESSOR_SECONDS: Final = 10
-_CLOCK_SECONDS: Final = 30.0
 # What Python itself may need to start and to find its packages; forgotten before the work begins.
 _VARIABLES: Final = (
     *("LD_LIBRARY_PATH", "DYLD_LIBRARY_PATH", "SYSTEMROOT"),
@@ -33,7 +32,7 @@ class ConfinedError(Exception):
     """The child did not answer: it was ended, or ended itself; the text says why."""
 
 
-def run_confined(module: str, *arguments: str, seconds: float = _CLOCK_SECONDS) -> dict[str, Any]:
+def run_confined(module: str, *arguments: str, seconds: float = 30.0) -> dict[str, Any]:
     """Run a module of the package as a confined process, and wait for its answer.
 
     Args:

@@ -32,9 +32,8 @@ from suta_calib.units import deg, mm
 TIME: Final = "time"
 # Strokes that tell how much a stroke errs: of fewer, a variance is known to a third at best.
 ENOUGH_STROKES: Final = 20
-# How often a line is said where no screen shows it, and what is undetermined is looked at, s.
+# How often a line is said where no screen shows it, s.
 _SAID: Final = 10.0
-_LOOKED: Final = 3.0
 # Lines about single lift-offs.
 _LINES: Final = 10
 
@@ -187,7 +186,8 @@ class Continuous:
             ranges = zip(self._plan.arm.joints, np.ptp(steps, axis=0), strict=True)
             parts.append("covered: " + ", ".join(f"{j} {deg(r):.0f}°" for j, r in ranges))
         if self._open is None or self._moments.seconds >= self._look_at:
-            self._look_at = self._moments.seconds + _LOOKED
+            # How often what is undetermined is looked at, s.
+            self._look_at = self._moments.seconds + 3.0
             self._open = self._untold()
         if self._open:
             parts.append(f"not determined yet: {', '.join(self._open)}")

@@ -3,22 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Final
 
 import numpy as np
 
 from suta_calib.acquisition.averaging import Average
 from suta_calib.arrays import FloatArray
 from suta_calib.terms import Term
-
-# Share of the readings of a rest that must be numbers near the others. A cable loses a few of them;
-# a sensor that changed its unit or was knocked during the rest spoils many.
-_USABLE: Final = 0.8
-# A standard deviation of so many times the usual one is no chance: of 20 readings it is known to
-# 16 %, and sensors scatter by up to twice as much where a motor hums.
-_SHAKEN: Final = 5.0
-# Rests after which it is known what is usual.
-_KNOWN: Final = 3
 
 
 class ExtraColumns:
@@ -42,17 +32,23 @@ class ExtraColumns:
     def refusal(self, average: Average) -> str:
         """Why the numbers of a rest cannot be used; empty where they can."""
         for name, mean_and_std in average.extra.items():
-            if mean_and_std.share < _USABLE:
+            # Share of the readings of a rest that must be numbers near the others. A cable loses a
+            # few of them; a sensor that changed its unit or was knocked during the rest spoils
+            # many.
+            if mean_and_std.share < 0.8:
                 return (
                     f"{1.0 - mean_and_std.share:.0%} of the readings of {name} are no numbers, or "
                     "far from the others. Check the sensor and its cable"
                 )
         scatter = np.array([mean_and_std.std for mean_and_std in average.extra.values()])
-        if len(self._scatter) >= _KNOWN:
+        # Rests after which it is known what is usual.
+        if len(self._scatter) >= 3:
             usual = np.median(self._scatter, axis=0)
             # A rest between two steps of a coarse sensor scatters, and one on a step does not.
+            # A standard deviation of so many times the usual one is no chance: of 20 readings it is
+            # known to 16 %, and sensors scatter by up to twice as much where a motor hums.
             most = [
-                max(_SHAKEN * u, f.step) for u, f in zip(usual, average.extra.values(), strict=True)
+                max(5.0 * u, f.step) for u, f in zip(usual, average.extra.values(), strict=True)
             ]
             for k in np.flatnonzero(scatter > most)[:1]:
                 return (

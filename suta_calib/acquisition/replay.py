@@ -18,11 +18,8 @@ from suta_calib.errors import SamplesError
 from suta_calib.measurements import CsvTable, read_csv_table
 from suta_calib.optional_packages import load
 
-# Largest angle, rad, and share of readings beyond it, or no number, that a cable may have spoilt.
+# Largest angle, rad: beyond it, a cable spoilt the reading.
 _LARGEST: Final = 8 * np.pi
-_DAMAGED: Final = 0.5
-# Readings that are handed over at once.
-_AT_ONCE: Final = 400
 
 
 class RecordingEnded(Exception):  # noqa: N818 (the end of a file is no error)
@@ -73,7 +70,8 @@ class RecordedStream:
             SamplesError: one is.
         """
         for name, column in zip(self.spec.names, self._angles.T, strict=True):
-            if name in joints and np.mean(np.isnan(column)) > _DAMAGED:
+            # A cable may have spoilt some readings, but not half of them.
+            if name in joints and np.mean(np.isnan(column)) > 0.5:
                 raise SamplesError(
                     f"{np.mean(np.isnan(column)):.0%} of the readings are no angles in rad",
                     "rad (m for a joint that slides)",
@@ -102,7 +100,8 @@ class RecordedStream:
             RecordingEnded: there are none left.
         """
         del timeout
-        first, self._next = self._next, min(self._next + _AT_ONCE, len(self._time))
+        # Readings that are handed over at once.
+        first, self._next = self._next, min(self._next + 400, len(self._time))
         if first == self._next:
             raise RecordingEnded
         none = np.zeros(self._angles.shape[1], dtype=np.bool_)

@@ -28,8 +28,6 @@ from suta_calib.units import from_deg
 APART: Final = from_deg(2.0)
 # How far the arm must have come back for a stroke to have ended, rad: a hesitation is no reversal.
 BACK: Final = from_deg(5.0)
-# What a joint that slides moves for a radian of the others, m.
-LENGTH: Final = 0.2
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,7 +111,8 @@ class PostureDistance:
 
     def __init__(self, arm: ArmModel) -> None:
         sliding = np.array([joint.type == "prismatic" for joint in arm.readings])
-        self._per_radian = np.where(sliding, LENGTH, 1.0)
+        # What a joint that slides moves for a radian of the others, m.
+        self._per_radian = np.where(sliding, 0.2, 1.0)
         self._turns = ~sliding
 
     def steps(self, angles: FloatArray, other: FloatArray) -> FloatArray:

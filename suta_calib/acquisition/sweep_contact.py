@@ -46,25 +46,14 @@ _OFF: Final = 8.0
 _ON: Final = 4.0
 LEAST_LIFT: Final = 0.5
 # A lift-off begins and ends so much earlier and later than it is seen, s; two within so little are
-# one; what is shorter is a wrong reading and no motion of a hand.
+# one.
 _MARGIN: Final = 0.06
 _JOINED: Final = 0.3
-_SHORTEST: Final = 0.03
-# Standard deviation of the arm's size about nominal, of 1.
-_SIZE: Final = 1e-3
 # Rows before and after a slip.
 _SIDE: Final = 8
-# Slips that are looked for at most, moments that are tried for each, and false alarms of a sweep.
-_SLIPS: Final = 4
+# Moments that are tried for each slip, and false alarms of a sweep.
 _TRIED: Final = 80
 _FALSE_ALARM: Final = 1e-3
-# A slip must be this many times the scatter of the tip: the arm that is fitted lacks something, and
-# seems to change where a sweep goes on elsewhere.
-_TIMES_SCATTER: Final = 3.0
-# Postures that are enough to see what they tell.
-_SOME: Final = 120
-# Scatter beyond which the tip was in no socket, whatever the arm is, mm.
-NO_CONTACT: Final = 3.0
 
 
 @dataclass(frozen=True)
@@ -176,7 +165,8 @@ def contact(
     q = np.array([moments[k].angles for k in rows])
     times = np.array([moments[k].time for k in rows])
     starts, fit = _places(surface, q, strokes)
-    if fit.scatter > NO_CONTACT:
+    # Scatter beyond which the tip was in no socket, whatever the arm is, mm.
+    if fit.scatter > 3.0:
         raise SamplesError(
             f"a tip that scatters by {fit.scatter:.1f} mm about its place",
             "a tip that stays on it",
@@ -191,10 +181,11 @@ def contact(
     touching = np.ones(len(moments), dtype=np.bool_)
     for first, last in lifted:
         touching[first : last + 1] = False
+    # What is shorter is a wrong reading and no motion of a hand.
     lift_offs = tuple(
         LiftOff(float(all_times[a]), float(all_times[b]), float(off[a : b + 1].max()) * _MM)
         for a, b in lifted
-        if all_times[b] - all_times[a] - 2 * _MARGIN > _SHORTEST
+        if all_times[b] - all_times[a] - 2 * _MARGIN > 0.03
         and not any(_is_slip(slip, all_times[a], all_times[b], off[a : b + 1]) for slip in began)
     )
     return TipContact(touching, lift_offs, began, fit.scatter * _MM)
@@ -221,7 +212,8 @@ class Telling:
 
     def untold(self, q: FloatArray) -> tuple[str, ...]:
         """Unknowns that postures (n, joints) leave open, though others on this place tell them."""
-        thinned = q[np.unique(np.linspace(0, len(q) - 1, min(_SOME, len(q))).astype(np.intp))]
+        # Postures that are enough to see what they tell.
+        thinned = q[np.unique(np.linspace(0, len(q) - 1, min(120, len(q))).astype(np.intp))]
         if self._never is None:
             self._never = self._open(thinned, starts=20)
         still = self._open(thinned, starts=0)
@@ -303,7 +295,8 @@ def _precision(problem: Problem) -> FloatArray:
     weight[problem.arm_count :] = 0.0
     lengths = np.array([p.nominal if p.key in POSITION else 0.0 for p in parameters])
     lengths[problem.arm_count :] = 0.0
-    of_size = lengths / max(float(lengths @ lengths), 1e-12) / _SIZE
+    # Standard deviation of the arm's size about nominal, of 1.
+    of_size = lengths / max(float(lengths @ lengths), 1e-12) / 1e-3
     return np.asarray(np.diag(weight) + np.outer(of_size, of_size))
 
 
@@ -328,7 +321,8 @@ def _places(
     """The rows at which a place became another one, with its shift and its ±, mm; and the fit."""
     starts = list[int]()
     fit = _fitted(surface, q, _numbers(starts, len(q)), strokes)
-    while len(starts) < _SLIPS:
+    # Slips that are looked for at most.
+    while len(starts) < 4:
         start, after = _slipped(surface, fit, q, starts, strokes)
         if start is None:
             break
@@ -384,7 +378,9 @@ def _moved(
     """How far the place after one is from it, and its ±, mm; None if that may be chance."""
     sides = [place == number, place == number + 1]
     distance, t2, k = _shift(fit, number, sides[0] | sides[1], strokes)
-    if distance < _TIMES_SCATTER * fit.scatter:
+    # The slip must be this many times the scatter of the tip: the arm that is fitted lacks
+    # something, and seems to change where a sweep goes on elsewhere.
+    if distance < 3.0 * fit.scatter:
         return None
     there = all(np.mean(fit.distance[side] < _OFF * fit.scatter) > 0.5 for side in sides)
     # Where few strokes tell, their scatter is not known: then it must be seen with the naked eye.

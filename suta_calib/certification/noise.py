@@ -24,8 +24,6 @@ from suta_calib.errors import SamplesError
 Kind = Literal["hole", "side"]
 # Freedom from which on the touches' own scatter says what a touch is worth.
 ENOUGH_FREEDOM: Final = 4
-# Pillars from which on their holes say what a touch of a hole is worth, though one may be damaged.
-ENOUGH_PILLARS: Final = 5
 
 
 @dataclass(frozen=True)
@@ -66,10 +64,11 @@ def scatter_of_holes(uneven: FloatArray) -> Scatter:
     ``uneven`` are these apart, (n, 2), m: half of the sum of two touches less that of the two
     others, which scatters as one touch does. The median pillar says what is usual; it is worth
     half of the pillars. One that lies far beyond is damaged, or its probe slipped, and does not
-    count. Fewer than `ENOUGH_PILLARS` tell nothing.
+    count.
     """
     count = len(uneven)
-    if count < ENOUGH_PILLARS:
+    # Fewer pillars do not say what a touch of a hole is worth: one may be damaged.
+    if count < 5:
         return Scatter(0.0, 0)
     squared = np.sum(uneven**2, axis=1)
     usual = float(np.median(squared)) / chdtri(2, 0.5)

@@ -12,11 +12,11 @@ from suta_calib.emulation.motion import ExtraNumbers, Motion
 from suta_calib.errors import InputError
 from suta_calib.geometry.numbers import rotation_from_vector
 from suta_calib.model.arm import ArmModel
+from suta_calib.simulation.leaning import FELT_AT_REST
 from suta_calib.simulation.noise import stream
 from suta_calib.units import from_deg
 
 COLUMNS: Final = ("ax", "ay", "az")
-_GRAVITY: Final = 9.81  # m/s²
 _STEP: Final = 0.02  # s; a motion between two rests lasts many times as long
 
 
@@ -55,7 +55,7 @@ def accelerometer(
     rotation, position = arm.forward(q, values)
     force = np.zeros_like(position)
     force[1:-1] = np.diff(position, 2, axis=0) / _STEP**2
-    force[:, 2] += _GRAVITY
+    force[:, 2] += FELT_AT_REST
     sensor = rotation if mounting is None else rotation @ mounting
     felt = (sensor.transpose(0, 2, 1) @ force[:, :, None])[:, :, 0]
     # A rest is where nothing moves from one moment to the next.
@@ -63,4 +63,4 @@ def accelerometer(
     rest = np.cumsum(moving & ~np.concatenate([[False], moving[:-1]]))
     tilts = noise * stream(seed, "accelerometer").standard_normal((int(rest[-1]) + 1, 3))
     felt = (rotation_from_vector(tilts[rest]) @ felt[:, :, None])[:, :, 0]
-    return ExtraNumbers(COLUMNS, time, felt, noise * _GRAVITY)
+    return ExtraNumbers(COLUMNS, time, felt, noise * FELT_AT_REST)

@@ -28,10 +28,6 @@ from suta_calib.units import from_deg
 
 # Knots of the motion, 1/s: a cubic between two of them keeps the tip within a micrometre.
 _KNOTS: Final = 50.0
-# How long it takes to lift the tip, or for what it is on to slip, s.
-_HASTE: Final = 0.15
-# No hand turns a joint faster, rad/s (m/s): the arm has come to the other branch of its postures.
-_FASTEST: Final = 6.0
 
 
 @dataclass(frozen=True)
@@ -128,7 +124,9 @@ def swept_by_hand(
         between = CubicSpline(time[coarse], rough)(time)
         answer = kinematics.solve(Targets(there, turned, matching), between, rng, 1)
         q = continuous(answer.q, full_circle(arm))
-        jumps = np.abs(np.diff(q, axis=0, prepend=q[:1])).max(axis=1) > _FASTEST / _KNOTS
+        # No hand turns a joint faster, rad/s (m/s): the arm has come to the other branch of its
+        # postures.
+        jumps = np.abs(np.diff(q, axis=0, prepend=q[:1])).max(axis=1) > 6.0 / _KNOTS
         if (wrong := np.flatnonzero(~answer.reached | jumps)).size:
             raise JobError(
                 f"a sweep that the arm cannot follow at {time[wrong[0]]:.1f} s",
@@ -198,5 +196,6 @@ def _aside(rng: np.random.Generator, how: HandSweep) -> FloatArray:
 
 
 def _ramp(time: FloatArray, start: FloatArray | float) -> FloatArray:
-    """From 0 to 1 within `_HASTE`."""
-    return minimum_jerk(np.clip((time - start) / _HASTE, 0.0, 1.0))
+    """From 0 to 1."""
+    # How long it takes to lift the tip, or for what it is on to slip, s.
+    return minimum_jerk(np.clip((time - start) / 0.15, 0.0, 1.0))

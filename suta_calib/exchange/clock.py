@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 from suta_calib.arrays import BoolArray, FloatArray, IntArray
 from suta_calib.errors import ForeignFileError
 
-_GAP: Final = 0.2
 # s between rows of a recording of motion; what is slower is in another unit, or no recording.
 _SLOWEST: Final = 1.0
 
@@ -110,7 +109,7 @@ class Clock:
         # A pause of so many usual steps, and of so long, s, is a gap: nothing is known of what lies
         # in it.
         gap_steps = 5.0
-        return np.asarray(np.diff(self.time) > max(gap_steps * self.step, _GAP))
+        return np.asarray(np.diff(self.time) > max(gap_steps * self.step, 0.2))
 
 
 @dataclass(frozen=True, eq=False)

@@ -45,8 +45,6 @@ _SURE: Final = 0.9
 _BLOCKS: Final = 24
 # Residuals of more standard deviations pull no harder (Huber).
 _HUBER: Final = 2.5
-# Motions turned by more are left out: the axis of half a turn has two directions.
-_MOST_TURN: Final = 2.6
 # Standard deviation of the shift, s, beyond which the motion does not tell it.
 _WORST: Final = 0.05
 # A pose so far, rad and m, from both its neighbours is a wrong one: a tag that flipped.
@@ -440,7 +438,8 @@ class _ShiftSearch:
             for which in range(2):
                 measured, computed = self._measured[span][:, which], now[span][:, which]
                 rate = (later[span][:, which] - earlier[span][:, which]) / (2.0 * half)
-                rows = np.isfinite(computed) & np.isfinite(rate) & (turned < _MOST_TURN)
+                # Motions turned by more are left out: the axis of half a turn has two directions.
+                rows = np.isfinite(computed) & np.isfinite(rate) & (turned < 2.6)
                 if rows.sum() < _LEAST_ROWS:
                     if which == 0 and span == _MIDDLE:
                         return None

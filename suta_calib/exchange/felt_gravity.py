@@ -44,22 +44,13 @@ STANDARD_GRAVITY: Final = 9.80665
 # Gravity at rest in the units of sensors, and their names; within a tenth of each.
 _UNITS: Final = ((1.0, "g"), (STANDARD_GRAVITY, "m/s²"), (1000.0, "mg or cm/s²"))
 _NEAR: Final = 0.1
-# Below this size, in any unit, gravity was taken out of what was felt.
-_NOTHING: Final = 0.2
-_MOST: Final = 1e6
 # Zero errors and scales of cheap sensors change what is felt at rest by less than this share.
 _AT_REST: Final = 0.08
-# Two halves of a rest differ by less, rad; a hand that holds a phone does not.
-_STILL: Final = from_deg(0.3)
 # What a window of so many s may change and scatter by in a rest, rad or parts of gravity, whatever
 # its noise.
 _WINDOW: Final = 0.4
 _QUIET: Final = from_deg(0.15)
-# Rests in a row whose directions are closer may be one that was disturbed, rad.
-_SAME: Final = from_deg(0.1)
 _FEWEST: Final = 5
-# Rows that make a file of postures a recording of the arm's joints.
-_RECORDING: Final = 60
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,7 +101,7 @@ class GravityLog:
             expected = "times and accelerations along x, y and z"
             raise ForeignFileError(f"no complete row{missing}", expected, file=path)
         # More than any sensor tells in any unit; its square must stay a number.
-        for row in complete[np.abs(acceleration[complete]).max(axis=1) > _MOST][:1].tolist():
+        for row in complete[np.abs(acceleration[complete]).max(axis=1) > 1e6][:1].tolist():
             found, line = (
                 f"{np.abs(acceleration[row]).max():.3g}",
                 None if lines is None else lines[row],
@@ -121,7 +112,8 @@ class GravityLog:
         felt = acceleration[rows]
         size = np.linalg.norm(felt, axis=1)
         usual = float(np.median(size))
-        if not usual > _NOTHING:
+        # Below this size, in any unit, gravity was taken out of what was felt.
+        if not usual > 0.2:
             hint = without or "record the acceleration with gravity"
             found = f"an acceleration of {usual:.2g} on average, so that gravity was taken out"
             raise ForeignFileError(found, "gravity: 1 g, or 9.81 m/s²", file=path, hint=hint)
@@ -292,7 +284,8 @@ class GravityLog:
         felt = self.acceleration[rows] / self.usual
         halves = [half.mean(axis=0) for half in np.array_split(felt, 2)]
         scatter = felt.std(axis=0) / np.sqrt(len(felt) / 4.0)
-        limit = _STILL + 4.0 * float(np.linalg.norm(scatter))
+        # Two halves of a rest differ by less, rad; a hand that holds a phone does not.
+        limit = from_deg(0.3) + 4.0 * float(np.linalg.norm(scatter))
         if np.linalg.norm(halves[1] - halves[0]) > limit:
             return None
         mean = average(felt)
@@ -302,10 +295,11 @@ class GravityLog:
         """Error that there are not as many rests as postures, to be raised by the caller."""
         begin = self.clock.time[0]
         at = listed([f"{rest.begin - begin:.1f}" for rest in rests], 40)
+        # Rests in a row whose directions are closer may be one that was disturbed, rad.
         repeated = [
             f"{before.begin - begin:.1f} s and {after.begin - begin:.1f} s"
             for before, after in pairwise(rests)
-            if np.linalg.norm(after.angles - before.angles) < _SAME
+            if np.linalg.norm(after.angles - before.angles) < from_deg(0.1)
         ]
         hint = f"choose the shortest rest with {SECONDS.switch} N, or correct the postures"
         if repeated:
@@ -389,7 +383,8 @@ class _Postures:
         time = rows.columns.get("time")
         if time is None or time.dtype.kind != "f":
             return cls(path, columns, None, f"{path.name} has rows")
-        if len(time) >= _RECORDING and float(np.median(np.diff(time))) < 1.0:
+        # Rows that make a file of postures a recording of the arm's joints.
+        if len(time) >= 60 and float(np.median(np.diff(time))) < 1.0:
             clock = Clock.of(path, time)
             joints = [name for name, values in columns.items() if values.dtype.kind == "f"]
             angles = np.column_stack([columns[name][clock.rows] for name in joints])

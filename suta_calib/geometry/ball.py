@@ -17,28 +17,15 @@ from scipy.spatial import KDTree
 from suta_calib.arrays import BoolArray, FloatArray, IntArray
 
 # Points that vote, and neighbours that make the normal of each.
-_VOTERS: Final = 12_000
 _NEIGHBOURS: Final = 24
 # How near votes meet, and how near the surface a point is taken for one of the ball's at first,
 # in radii. Normals of small pieces scatter by some tenths of a radian.
 _TOGETHER: Final = 0.15
 _NEAR: Final = 0.3
-# Cosine of the steepest angle at which the surface is looked at: beyond, at its rim, a depth camera
-# mixes the ball with what is behind it.
-_STEEPEST: Final = 0.5
 # Fewest points of a ball, and how far from their middle direction they must reach, seen from the
 # centre, as a cosine (35°): less is a piece of any surface.
 FEWEST: Final = 30
 _REACH: Final = 0.82
-# RMS of the distances from the surface, in radii, above which it is no ball.
-_ROUGH: Final = 0.1
-# Part of the points before it that may lie inside the ball: nothing is seen through it.
-_INSIDE: Final = 0.2
-# A radius is another one where it is off by so many standard deviations and by this part of it.
-_TIMES_STD: Final = 4.0
-_OTHER_RADIUS: Final = 0.05
-# Places that are fitted.
-_CANDIDATES: Final = 8
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,7 +56,9 @@ class Ball:
     def fits(self, radius: float) -> bool:
         """Whether the radius that fits best is this one, m, within what can be told."""
         best, std = self.radius
-        return abs(best - radius) <= max(_TIMES_STD * std, _OTHER_RADIUS * radius)
+        # A radius is another one where it is off by so many standard deviations and by this part of
+        # it.
+        return abs(best - radius) <= max(4.0 * std, 0.05 * radius)
 
 
 def ball_in(points: FloatArray, radius: float) -> Ball | None:
@@ -99,7 +88,8 @@ def ball_in(points: FloatArray, radius: float) -> Ball | None:
 
 def _votes(points: FloatArray, tree: KDTree, radius: float) -> FloatArray:
     """(m, 3) centres, each a radius behind a point along the normal of its surroundings."""
-    step = max(1, len(points) // _VOTERS)
+    # So many points vote.
+    step = max(1, len(points) // 12_000)
     voters = points[::step]
     count = min(_NEIGHBOURS, len(points))
     # Neighbours so near that the piece is nearly flat, and far enough to average the noise.
@@ -127,7 +117,8 @@ def _full_places(votes: FloatArray, radius: float) -> list[FloatArray]:
     tree = KDTree(votes)
     counts = tree.query_ball_point(votes, _TOGETHER * radius, return_length=True)
     open_votes = np.ones(len(votes), dtype=np.bool_)
-    while open_votes.any() and len(places) < _CANDIDATES:
+    # Places that are fitted.
+    while open_votes.any() and len(places) < 8:
         best = int(np.argmax(np.where(open_votes, counts, -1)))
         near = tree.query_ball_point(votes[best], 2.0 * _TOGETHER * radius)
         places.append(np.median(votes[near], axis=0))
@@ -177,7 +168,9 @@ def _judged(
     middle = away.mean(axis=0) / np.linalg.norm(away.mean(axis=0))
     reach = float(np.quantile(away @ middle, 0.05))
     inside = tree.query_ball_point(centre, radius - 4.0 * max(rms, 0.01 * radius))
-    if rms > _ROUGH * radius or reach > _REACH or len(inside) > _INSIDE * len(on):
+    # RMS of the distances from the surface, in radii, above which it is no ball.
+    # Part of the points before it that may lie inside the ball: nothing is seen through it.
+    if rms > 0.1 * radius or reach > _REACH or len(inside) > 0.2 * len(on):
         return None
     inliers = _alike(points[on], off)
     covariance = np.asarray(rms**2 * inliers * np.linalg.inv(away.T @ away), dtype=np.float64)
@@ -206,7 +199,9 @@ def _turned_to_us(points: FloatArray, centre: FloatArray) -> BoolArray:
     """(n,) points where a ball's surface looks at the origin, but for its rim."""
     away, _ = _from(points, centre)
     ray = points / np.linalg.norm(points, axis=1)[:, None]
-    return np.asarray(np.einsum("ni,ni->n", away, ray) < -_STEEPEST)
+    # Cosine of the steepest angle at which the surface is looked at: beyond, at its rim, a depth
+    # camera mixes the ball with what is behind it.
+    return np.asarray(np.einsum("ni,ni->n", away, ray) < -0.5)
 
 
 def _from(points: FloatArray, centre: FloatArray) -> tuple[FloatArray, FloatArray]:

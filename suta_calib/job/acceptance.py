@@ -51,8 +51,6 @@ from suta_calib.model.arm import ArmModel
 from suta_calib.terms import KINDS, ArmPoses, Term
 from suta_calib.terms.poses import joint_ranges, resolutions, together
 
-# Readings that differ by less, rad or m, no encoder has told apart.
-COPIED: Final = 1e-7
 _SAMPLES: Final = Field("samples", FILES, "The samples (CSV files, globs).", required=True)
 LENGTHS_KEYS: Final = Fields(
     Field("artefact", FILE, "The calibrated artefact.yaml.", required=True),
@@ -261,7 +259,8 @@ def _without_copies(job: AcceptanceJob) -> AcceptanceJob:
         return job
 
     def once(key: str, samples: Samples) -> IntArray:
-        rows = np.unique(together(samples.q, COPIED), return_index=True)[1]
+        # Readings that differ by less, rad or m, no encoder has told apart.
+        rows = np.unique(together(samples.q, 1e-7), return_index=True)[1]
         if copies := len(samples) - len(rows):
             notes.append(
                 f"{key}: {copies} of {len(samples)} touches repeat another touch, except for "

@@ -20,8 +20,6 @@ from suta_calib.measurements.pose_files import FAR
 from suta_calib.optional_packages import load
 
 SUFFIXES: Final = frozenset({".ply", ".pcd", ".npy"})
-# A camera of 4k has as many points; a header may claim more, and fill the memory.
-_MOST: Final = 20_000_000
 _PCD_TYPES: Final = {"F": "f", "I": "i", "U": "u"}
 
 
@@ -101,7 +99,8 @@ def _pcd(data: bytes) -> Any:
     repeats = [int(count) for count in header.get("COUNT", ["1"] * len(names))]
     width, height = int(header["WIDTH"][0]), int(header["HEIGHT"][0])
     count, (how, *_) = width * height, header["DATA"]
-    if not 0 <= count <= _MOST or not len(names) == len(sizes) == len(types) == len(repeats):
+    # A camera of 4k has as many points; a header may claim more, and fill the memory.
+    if not 0 <= count <= 20_000_000 or not len(names) == len(sizes) == len(types) == len(repeats):
         raise ValueError(f"a header of {count} points with {len(names)} fields")
     formats = [f"<{_PCD_TYPES[t]}{size}" for t, size in zip(types, sizes, strict=True)]
     if how == "ascii":

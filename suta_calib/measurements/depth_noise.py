@@ -26,8 +26,6 @@ from suta_calib.measurements.fields import Value, keyed, quantity
 from suta_calib.measurements.yaml_file import YamlSection
 from suta_calib.units import from_mm
 
-# Points of a picture that say how they scatter: three are the pose of the board.
-FEWEST_POINTS: Final = 6
 # Nearest depth that the noise is said of, m: what is nearer has wrong axes or another unit.
 _NEAREST: Final = 0.05
 
@@ -80,7 +78,8 @@ class DepthNoise(Displayable):
         depths, spreads, counts = list[float](), list[tuple[float, float]](), list[int]()
         for on_board, in_camera in pictures:
             count = len(in_camera)
-            if count < FEWEST_POINTS:
+            # Points of a picture that say how they scatter: three are the pose of the board.
+            if count < 6:
                 continue
             R, p = register_points(on_board, in_camera)
             left = np.einsum("nji,nj->ni", ray_axes(in_camera), in_camera - on_board @ R.T - p)

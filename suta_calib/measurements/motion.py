@@ -20,14 +20,9 @@ from suta_calib.units import ms
 
 # Rows that a polynomial takes: two on either side of one in the middle.
 WINDOW: Final = 5
-# Steps, in units of the usual one of its file, from which on a step is a gap: two rows are missing.
-GAP: Final = 3.0
 # The error of a row that is predicted from its neighbours is that of twice the step, and falls with
 # the fourth power of the step.
 BY_STEP: Final = 2.0**-4
-# Errors of predicted rows, in units of the steps of the readings from row to row, from which on the
-# rows tell nothing of the motion between them: 1.4 for rows at any postures, 0 for a smooth path.
-SMOOTH: Final = 0.5
 # Readings that differ by less were read at one moment, rad or m.
 _SAME: Final = 1e-6
 
@@ -186,7 +181,9 @@ def motion_of(rows: TimedRows, turning: BoolArray) -> JointMotion:
         mine = np.flatnonzero(file == number)
         steps = np.diff(time[mine])
         if len(steps):
-            gap[mine[:-1]] |= steps > GAP * np.median(steps)
+            # Steps, in units of the usual one of its file, from which on a step is a gap: two rows
+            # are missing.
+            gap[mine[:-1]] |= steps > 3.0 * np.median(steps)
     runs = np.concatenate([[0], np.cumsum(gap)])
     for run in range(runs[-1] + 1):
         mine = np.flatnonzero(runs == run)
@@ -307,7 +304,10 @@ def _check_smooth(
         if complete.any()
         else np.inf
     )
-    if missed > SMOOTH * size:
+    # Errors of predicted rows, in units of the steps of the readings from row to row, from which on
+    # the rows tell nothing of the motion between them: 1.4 for rows at any postures, 0 for a smooth
+    # path.
+    if missed > 0.5 * size:
         usual = float(np.median(np.diff(recording.time)[np.diff(runs) == 0]))
         raise SamplesError(
             f"rows {ms(usual):.4g} ms apart that tell nothing of the motion between them",

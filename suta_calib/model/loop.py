@@ -29,13 +29,6 @@ from suta_calib.model.chain import Chain, ChainJoint, LoopJoints, chain_joint
 from suta_calib.model.urdf_tree import TreeJoint, UrdfTree, quoted
 from suta_calib.units import mm
 
-# Joints whose axes are less parallel make no planar loop, rad: a calibrated URDF has the tilts of
-# built axes, some tenths of a degree each.
-PARALLEL: Final = 0.05
-# How far apart, over the size of the loop, two frames may be in the URDF that coincide: a
-# calibrated one has the zeros of encoders in it.
-DRAWN: Final = 0.05
-
 # Before the frames of one, in messages.
 LOOP: Final = "loop"
 
@@ -96,7 +89,9 @@ def loop_of(tree: UrdfTree, loop: Loop) -> LoopJoints:
     axis = _common_axis(joints, refuse)
     gap = _drawn(first)[1] - _drawn(second)[1]
     across = gap - (gap @ axis) * axis
-    allowed = DRAWN * max(float(np.linalg.norm(joint.xyz)) for joint in joints.joints)
+    # How far apart, over the size of the loop, two frames may be in the URDF that coincide: a
+    # calibrated one has the zeros of encoders in it.
+    allowed = 0.05 * max(float(np.linalg.norm(joint.xyz)) for joint in joints.joints)
     if np.linalg.norm(across) > allowed:
         raise refuse(
             f"two frames that are {mm(float(np.linalg.norm(across))):.3g} mm apart across the "
@@ -143,7 +138,9 @@ def _common_axis(loop: LoopJoints, refuse: _Refuse) -> FloatArray:
                 axes[joint.name] = _drawn(branch[: k + 1])[0] @ joint.axis
     axis = axes[loop.passive[0]]
     for name, other in axes.items():
-        if np.linalg.norm(np.cross(axis, other)) > PARALLEL:
+        # Joints whose axes are less parallel make no planar loop, rad: a calibrated URDF has the
+        # tilts of built axes, some tenths of a degree each.
+        if np.linalg.norm(np.cross(axis, other)) > 0.05:
             raise refuse(
                 f"the axes of {quoted(loop.passive[0])} and {quoted(name)}, which are not parallel",
                 "a planar loop: all its joints turn about parallel axes",

@@ -32,14 +32,10 @@ from suta_calib.geometry.numbers import rms_length, skew
 from suta_calib.terms.block import summed
 from suta_calib.trust.serial_correlation import correlation_length
 
-# Rows of which the likelihood is asked: what is intensive, so many tell it.
-ENOUGH: Final = 200
 # Singular value, of columns of unit length, that is none.
 DEPENDENT: Final = 1e-5
 # Extent, m, of poses that are all at one place.
 NOWHERE: Final = 1e-9
-# Rests from which on they tell how displacements and turns of a hand go together.
-TELLING: Final = 30
 # Directions and turns of a pose.
 DIRECTIONS: Final = 3
 WAYS: Final = 2 * DIRECTIONS
@@ -93,7 +89,8 @@ def common_covariance(
     # What one eye sees is displaced and turned at once, and so is the hand that they share.
     shared, single = sum(pulls, np.zeros_like(pulls[0]))
     expected += single.T @ single
-    if len(shared) >= TELLING:
+    # Rests from which on they tell how displacements and turns of a hand go together.
+    if len(shared) >= 30:
         expected += shared.T @ shared - sum(p[0].T @ p[0] for p in pulls)
     return bread @ _positive(expected, white) @ bread
 
@@ -155,7 +152,8 @@ def _variances(
     series = (
         order[first].astype(float) if correlation_length(mean[np.argsort(first)]) > 1.0 else None
     )
-    sampled = np.unique(np.linspace(0, groups - 1, min(groups, ENOUGH)).astype(np.intp))
+    # Rows of which the likelihood is asked: what is intensive, so many tell it.
+    sampled = np.unique(np.linspace(0, groups - 1, min(groups, 200)).astype(np.intp))
     means, slopes, pulls = (np.array(item) for item in zip(*views, strict=True))
     pulls = pulls.reshape(len(views), groups, size * unknowns)
 

@@ -37,10 +37,6 @@ from suta_calib.optional_packages import load
 # Relative to the cost; beyond it a minimum is not proven. A hundredth of what weights are known to
 # would be far more: the cost of a hundred numbers is known to a tenth.
 PROVEN: Final = 1e-6
-# Relative to the cost; what closed forms prove as well as this, a program need not prove better.
-TIGHT: Final = 1e-9
-# Rotations of which a semidefinite program takes six seconds; it grows with their sixth power.
-MOST_IN_PROGRAM: Final = 8
 # Relative singular value below which the rows do not tell a position.
 ROUNDING: Final = 1e-12
 
@@ -134,7 +130,9 @@ def best_rotations(jacobian: FloatArray, start: FloatArray, least: float = 0.0) 
         least: cost that counts as none.
     """
     bound = bounded(jacobian, descended(jacobian, start))
-    if bound.proven(least, TIGHT):
+    # Relative to the cost; what closed forms prove as well as this, a program need not prove
+    # better.
+    if bound.proven(least, 1e-9):
         return bound
     solved, trouble = (
         bound,
@@ -143,7 +141,8 @@ def best_rotations(jacobian: FloatArray, start: FloatArray, least: float = 0.0) 
             "closed form do not suffice here"
         ),
     )
-    if len(start) <= MOST_IN_PROGRAM:
+    # Rotations of which a semidefinite program takes six seconds; it grows with their sixth power.
+    if len(start) <= 8:
         try:
             rotations, multipliers = _program(jacobian)
         except (MissingExtraError, ArithmeticError) as error:

@@ -35,8 +35,6 @@ from suta_calib.terms.hand_eye_start import EYE_IN_HAND
 from suta_calib.units import NOTHING, Unit, deg, mm, text
 from suta_calib.words import listed
 
-_OUTLIER: Final[dict[str, Any]] = OUTLIER | {"ms": 8, "mew": 0.6}
-
 
 def _shown(k: int) -> Callable[[tuple[Any, ...]], str]:
     """A number of an intrinsic, in its unit."""
@@ -304,7 +302,10 @@ def picture_plot(calibration: PictureCalibration) -> str:
             by_picture.plot(number[good], camera.picture_rms[good], label="fitted", **inlier)
             if not good.all():
                 by_picture.plot(
-                    number[~good], camera.picture_rms[~good], label="outlier", **_OUTLIER
+                    number[~good],
+                    camera.picture_rms[~good],
+                    label="outlier",
+                    **OUTLIER | {"ms": 8, "mew": 0.6},
                 )
                 by_picture.set_yscale("log")
             else:

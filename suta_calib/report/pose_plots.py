@@ -28,8 +28,6 @@ if TYPE_CHECKING:
 
 # Residuals below it, mm or degrees, are rounding: exact data have no other.
 ROUNDING: Final = 1e-6
-# Cells of a table of eyes and targets that have room for a number each.
-MOST_CELLS: Final = 120
 RINGS: Final = (5, 10, 15, 30, 45, 60, 90, 120, 150, 180)  # deg
 # How inliers and outliers are marked; sizes are points across.
 _INLIER: Final[dict[str, Any]] = {"marker": "o", "color": BLUE, "ls": "none", "clip_on": False}
@@ -103,7 +101,8 @@ def _draw_seen(axes: Any, calibration: ManyEyesCalibration) -> None:
             length = np.linalg.norm(calibration.residuals[fitted], axis=1)
             rms[eye, target] = mm(float(np.sqrt(np.mean(length**2))))
         # Numbers that many cells have no room for.
-        if rms.size <= MOST_CELLS:
+        # Cells of a table of eyes and targets that have room for a number each.
+        if rms.size <= 120:
             axes.text(target, eye, f"{len(fitted)}", ha="center", va="center", fontsize=8)
     most = float(np.nanmax(rms, initial=ROUNDING))
     image = axes.imshow(rms, cmap="Blues", vmin=0.0, vmax=1.6 * most, aspect="auto")

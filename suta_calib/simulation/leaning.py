@@ -12,7 +12,7 @@ from suta_calib.geometry.numbers import rotation_from_vector
 from suta_calib.model.arm import ArmModel
 
 # What an accelerometer at rest feels, m/s².
-_GRAVITY: Final = 9.81
+FELT_AT_REST: Final = 9.81
 
 
 def up_in_links(
@@ -37,7 +37,7 @@ def up_in_links(
         leaning = lean * random.standard_normal((len(q), 3))
         leaning -= np.outer(leaning @ arm.up, arm.up)
         shown = rotation_from_vector(-leaning) @ arm.up
-        felt[sensor.felt] = _GRAVITY * np.einsum("nij,ni->nj", rotation, shown)
+        felt[sensor.felt] = FELT_AT_REST * np.einsum("nij,ni->nj", rotation, shown)
     return felt
 
 
@@ -46,6 +46,6 @@ def as_felt(
 ) -> dict[str, FloatArray]:
     """Readings with noise, rad of each component of the direction."""
     return {
-        name: vectors + _GRAVITY * noise * random.standard_normal(vectors.shape)
+        name: vectors + FELT_AT_REST * noise * random.standard_normal(vectors.shape)
         for name, vectors in felt.items()
     }

@@ -9,8 +9,6 @@ least squares. Huber (1964), doi:10.1214/aoms/1177703732.
 
 from __future__ import annotations
 
-from typing import Final
-
 import casadi as ca
 import numpy as np
 from scipy.special import chdtrc, chdtri
@@ -18,13 +16,11 @@ from scipy.special import chdtrc, chdtri
 from suta_calib.arrays import FloatArray
 from suta_calib.geometry.symbols import Symbol
 
-# 95 % efficiency for Gaussian noise in one dimension (Huber); the same quantile in more.
-HUBER_1D: Final = 1.345
-
 
 def huber_threshold(size: int) -> float:
-    """Threshold on the norm of ``size`` unit normal components at the quantile of `HUBER_1D`."""
-    return float(np.sqrt(chdtri(size, chdtrc(1, HUBER_1D**2))))
+    """Threshold on the norm of ``size`` unit normal components at Huber's quantile in one."""
+    # 95 % efficiency for Gaussian noise in one dimension (Huber); the same quantile in more.
+    return float(np.sqrt(chdtri(size, chdtrc(1, 1.345**2))))
 
 
 def symbolic_huber(squared: Symbol, threshold: Symbol) -> Symbol:

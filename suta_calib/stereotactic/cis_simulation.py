@@ -29,7 +29,6 @@ from suta_calib.stereotactic.marker_cloud import BodyPoses
 
 # m, edge of the calibration object; where the EM base is from the optical tracker.
 OBJECT: Final = 0.25
-EM_BASE: Final = np.array([0.0, 0.0, -1.5])
 
 
 @dataclass(frozen=True, eq=False)
@@ -125,7 +124,7 @@ def simulate_stereotactic(
     def base_poses(frames: int) -> BodyPoses:
         """``T_optical_em`` of every frame."""
         shift, turn = jiggle * random.standard_normal((2, frames, 3))
-        return BodyPoses(rotation_from_vector(turn), EM_BASE + shift)
+        return BodyPoses(rotation_from_vector(turn), np.array([0.0, 0.0, -1.5]) + shift)
 
     # The calibration object at the points of a grid, turned a little each time.
     body = CalibrationMarkers(_lattice(2, 0.15), _lattice(2, OBJECT), _lattice(3, OBJECT))

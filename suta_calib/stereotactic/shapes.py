@@ -37,8 +37,6 @@ CHANCE: Final = 1e-6
 SEVERAL: Final = 4.0
 # Part of an error that its explanation leaves at most.
 EXPLAINED: Final = 0.5
-# Smallest number of frames from which a scatter is estimated.
-ENOUGH_TO_SCATTER: Final = 3
 # Frames that are named.
 MOST_FRAMES: Final = 3
 
@@ -143,7 +141,8 @@ def _deviation(shape: GivenShape) -> _Deviation:
     common = np.nansum(residuals, axis=0) / np.maximum(counts, 1)[:, None]
     scatter, chance = _in_common(shape.body)
     size = rms_length(common[counts > 0])
-    if frames < ENOUGH_TO_SCATTER or size <= WORTH_A_WORD or chance >= CHANCE:
+    # Fewer frames show no scatter.
+    if frames < 3 or size <= WORTH_A_WORD or chance >= CHANCE:
         return _Deviation(common, scatter, False)
     factor, left = _scale(shape.body)
     by_scale = rms_length((common - left)[counts > 0])

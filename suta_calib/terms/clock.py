@@ -29,8 +29,6 @@ if TYPE_CHECKING:
     from suta_calib.model.arm import ArmModel
 
 OWNER: Final = "time_offset"
-# Share of the rows that may be left out without a word.
-MANY: Final = 0.2
 
 
 def _positive_ms(section: YamlSection, name: str) -> float:
@@ -117,7 +115,8 @@ def _within(samples: Samples, bound: float) -> Samples:
             hint="give a smaller bound, or record rows more often",
         )
     # Some at both ends are always lost.
-    if left > MANY * len(kept):
+    # Share of the rows that may be left out without a word.
+    if left > 0.2 * len(kept):
         warnings.warn(
             f"{left} of {len(kept)} rows are {near}. What the joints read before or after is "
             "unknown, so they are left out",

@@ -41,9 +41,6 @@ from suta_calib.terms.term import Gap
 # Where the eye is in the hand, and where the target, unless `HandEye.simulate` is told.
 _X: Final = (rotation_from_vector([0.1, 0.2, -1.5]), np.array([0.02, -0.05, 0.08]))
 _Z: Final = (rotation_from_vector([2.0, 0.4, 0.3]), np.array([0.6, 0.2, -0.1]))
-# Where in the eye the target is seen: half a metre away, and how far from there, m.
-_AHEAD: Final = np.array([0.0, 0.0, 0.5])
-_ASIDE: Final = 0.1
 # Labels of the samples that name the eye and the target.
 LABELS: Final = ("eye", "target")
 
@@ -258,7 +255,8 @@ class HandEye(InstrumentTerm):
         """
         random, noise, errors = np.random.default_rng(seed).spawn(3)
         R = random_turns(random, count, turn, axes)
-        ahead = _AHEAD + random.uniform(-_ASIDE, _ASIDE, (count, 3))
+        # The eye sees the target half a metre away, about.
+        ahead = np.array([0.0, 0.0, 0.5]) + random.uniform(-0.1, 0.1, (count, 3))
         p = Z[1] - R @ X[1] - np.einsum("nij,nj->ni", R @ X[0], ahead)
         samples = Samples.from_arrays([], np.zeros((count, 0)), position=ahead, rotation=R)
         exact = cls(MeasuredPoses(R, p, samples), robot_noise_fraction=robot_noise_fraction)

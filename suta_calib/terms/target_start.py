@@ -33,8 +33,6 @@ from suta_calib.terms.hand_eye_start import (
     some_poses,
 )
 
-# What an angle is worth beside a length, m per rad: 0.5 mm beside 0.1°, as is assumed of noise.
-LEVER: Final = 0.3
 # Relative singular value below which a direction is not determined at all.
 _ROUNDING: Final = 1e-9
 
@@ -90,7 +88,8 @@ def _squares_of_turns(
     sits = np.swapaxes(R @ rotation, 1, 2) @ turned
     means = np.array([chordal_mean(sits[target == k]) for k in range(int(target.max()) + 1)])
     # Of small turns, twice their squared angle.
-    return 0.5 * LEVER**2 * float(np.sum((sits - means[target]) ** 2))
+    # What an angle is worth beside a length, m per rad: 0.5 mm beside 0.1°, as is assumed of noise.
+    return 0.5 * 0.3**2 * float(np.sum((sits - means[target]) ** 2))
 
 
 def _beginnings(arm: Poses, positions: FloatArray, target: IntArray) -> Iterator[Unknowns]:

@@ -9,7 +9,6 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Final
 
 import numpy as np
 
@@ -20,9 +19,6 @@ from suta_calib.geometry.numbers import rms_length
 from suta_calib.model.arm import ArmModel
 from suta_calib.tracking.trajectory import Trajectory
 from suta_calib.units import Unit, from_deg
-
-# Way that counts as having turned back, and from which on the play is taken up.
-TRAVEL: Final[dict[Unit, float]] = {"rad": from_deg(0.25), "m": 0.5e-3}
 
 
 @dataclass(frozen=True, eq=False)
@@ -135,7 +131,8 @@ def find_reversals(channel: Channel, time: FloatArray, error: FloatArray) -> Cha
     # A coordinate that trembles must go many times its noise to have turned back, and some times it
     # to be seen not to stand; a joint with play may creep.
     noise = float(row_noise(channel.coordinate))
-    travel = max(TRAVEL[channel.unit], 8.0 * noise)
+    # Way that counts as having turned back, and from which on the play is taken up.
+    travel = max({"rad": from_deg(0.25), "m": 0.5e-3}[channel.unit], 8.0 * noise)
     creep = max(0.02 * travel, 3.0 * noise)
     turns = turning_points(channel.coordinate, travel)
     around = [_neighbourhood(channel.coordinate, row, sense, travel) for row, sense in turns]

@@ -37,8 +37,6 @@ from suta_calib.trust.accuracy import Accuracy, fit_own
 from suta_calib.trust.extended_problem import effective_unknowns
 from suta_calib.units import Unit
 
-# Robust levels beyond which a residual counts no further in the scatter: normal noise has none.
-FARTHEST: Final = 4.0
 # Intervals whose coverage is reported.
 PROBABILITIES: Final = (0.68, 0.95)
 
@@ -258,7 +256,9 @@ def _fitted_levels(solution: Solution) -> dict[tuple[str, str, bool], float]:
     levels = {}
     for sort, parts in together.items():
         residual = np.concatenate(parts)
-        farthest = residual.shape[1] * (FARTHEST * robust_level(residual)) ** 2
+        # Robust levels beyond which a residual counts no further in the scatter: normal noise has
+        # none.
+        farthest = residual.shape[1] * (4.0 * robust_level(residual)) ** 2
         squared = np.minimum(np.einsum("nd,nd->n", residual, residual), farthest)
         levels[sort] = max(math.sqrt(squared.mean() / residual.shape[1] / left), 1e-9)
     return levels

@@ -18,7 +18,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise, product
-from typing import Final
 
 import numpy as np
 from scipy.linalg import solve_triangular
@@ -28,9 +27,6 @@ from suta_calib.trust.evidence import Effect, weigh_effects
 from suta_calib.trust.examination import samples_of
 from suta_calib.trust.linear_fit import LinearFit
 from suta_calib.trust.reduced_fit import ReducedFit
-
-# Shares of what is plausible by which a model may be off in all that it lacks.
-LACKING: Final = 0.01, 0.03, 0.1, 0.3, 1.0
 
 
 def chance_beside_shared_errors(
@@ -54,9 +50,13 @@ def chance_beside_shared_errors(
     more = np.hstack([fit.jacobian[:, random], fit.columns(waves)])
     plausible = fit.problem.parameters.array("plausible")[random]
     off, change = np.concatenate([plausible, np.ones(waves.shape[1])]), fit.columns(velocity)
+    # Shares of what is plausible by which a model may be off in all that it lacks.
     fits = [
         fit.linear.beside(change),
-        *(fit.linear.beside(more, (share * off) ** -2.0).beside(change) for share in LACKING),
+        *(
+            fit.linear.beside(more, (share * off) ** -2.0).beside(change)
+            for share in (0.01, 0.03, 0.1, 0.3, 1.0)
+        ),
     ]
     rows = _Rows.of(fit)
     left = rows.freed(fits[0], white)

@@ -32,9 +32,6 @@ from suta_calib.words import combination, enumerated
 
 # Of a zero, the part that must be in untold directions, and in told ones, to be in a combination.
 PART: Final = 0.1
-# Motion of the tip by what is not told, over that by the priors of all zeros, from which on it
-# is worth a report: as of a value over what is plausible (`solver.identifiability.WEAK`).
-WORTH: Final = 0.1
 
 
 @dataclass(frozen=True, eq=False)
@@ -142,7 +139,10 @@ def prior_splits(
     splits = []
     for at, (open_steps, told) in split.items():
         tip = moves(at, open_steps)
-        if tip < WORTH * before:
+        # Motion of the tip by what is not told, over that by the priors of all zeros, from which on
+        # it is worth a report: as of a value over what is plausible
+        # (`solver.identifiability.WEAK`).
+        if tip < 0.1 * before:
             continue
         names = tuple(problem.names[k] for k in at)
         columns = [rich.names.index(name) for name in names]

@@ -37,12 +37,10 @@ from suta_calib.view.surroundings import surroundings
 if TYPE_CHECKING:
     from suta_calib.view.server import Viewer
 
-# Of Okabe and Ito, told apart by the colour-blind too; the first two darker, for the scene's light
+# Of Okabe and Ito, told apart by the colour-blind too; blue and green darker, for the scene's light
 # pales them.
-_BLUE: Final[Colour] = (0, 68, 130)
-_GREEN: Final[Colour] = (0, 100, 72)
 UNSURE: Final[Colour] = (170, 50, 120)
-COLOURS: Final = {"calibration": _BLUE, "validation": _GREEN}
+COLOURS: Final[dict[str, Colour]] = {"calibration": (0, 68, 130), "validation": (0, 100, 72)}
 
 
 @dataclass(frozen=True, eq=False)

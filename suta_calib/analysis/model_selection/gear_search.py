@@ -22,13 +22,6 @@ from suta_calib.trust.calibration_examination import CalibrationExamination
 from suta_calib.trust.linear_fit import LinearFit
 
 RATIOS: Final = np.arange(20, 201)
-# What is sold most: taken where they fit as well as the best.
-USUAL: Final = (100, 50, 80, 120, 160, 30)
-# Chance, for all joints and ratios together, below which the residuals show a ripple.
-_LEVEL: Final = 0.01
-# Squares, in units of the noise, by which a ratio may fit worse than the best and be the right one:
-# of one degree of freedom, once in twenty times.
-_AS_GOOD: Final = 3.84
 
 
 @dataclass(frozen=True)
@@ -56,7 +49,8 @@ def found_ratios(answer: CalibrationExamination) -> tuple[FoundRatio, ...]:
     while left := [joint for joint in joints if joint not in {f.joint for f in ratios}]:
         weighed = [_weigh(fit, joint, columns[joint], len(joints)) for joint in left]
         best = min(weighed, key=lambda ratio: ratio.chance)
-        if not best.chance < _LEVEL:
+        # Chance, for all joints and ratios together, below which the residuals show a ripple.
+        if not best.chance < 0.01:
             break
         ratios.append(best)
         k = 2 * int(best.ratio - RATIOS[0])
@@ -129,8 +123,13 @@ def _weigh(fit: LinearFit, joint: str, columns: FloatArray, joints: int) -> Foun
     if freedom < 1.0 or not determined[k]:
         return FoundRatio(joint, int(RATIOS[k]), 1.0, ())
     noise = max(fit.squares - gain[k], 1e-12 * fit.squares, 1e-300) / freedom
-    as_good = RATIOS[determined & (gain > gain[k] - _AS_GOOD * noise)].tolist()
-    ratio = next((usual for usual in USUAL if usual in as_good), int(RATIOS[k]))
+    # Squares, in units of the noise, by which a ratio may fit worse than the best and be the right
+    # one: of one degree of freedom, once in twenty times.
+    as_good = RATIOS[determined & (gain > gain[k] - 3.84 * noise)].tolist()
+    # What is sold most: taken where they fit as well as the best.
+    ratio = next(
+        (usual for usual in (100, 50, 80, 120, 160, 30) if usual in as_good), int(RATIOS[k])
+    )
     # Rows that share a touch err together: by squares and by the scatter from touch to touch.
     variance = fit.score_variance(left[:, k], fit.settled)
     by_touch = float(score[k] @ np.linalg.pinv(variance, hermitian=True) @ score[k])

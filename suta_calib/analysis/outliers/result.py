@@ -43,8 +43,6 @@ def metric_labels(metric: Metric, unit: Unit) -> tuple[Unit, str, str]:
 # take for noise has no certain bias. Three of four leaves room for one blind spot, and no single
 # metric convicts.
 AGREEMENT: Final = 3
-# Times the noise of one coordinate that is stated, or assumed, from which on it is no noise.
-STRANGE: Final = 20.0
 GROUPING_NOUN: Final = {f"{noun}s": noun for noun in every_grouping()}
 WORDS: Final = {
     "contribution": "error contribution",
@@ -300,13 +298,15 @@ class Outliers(Displayable):
             for t in terms
             if t.exact
         ]
+        # Times the noise of one coordinate that is stated, or assumed, from which on it is no
+        # noise.
         bad += [
             f"The samples of {t.name} scatter by {_size(t.unexplained, t.unit, '.3g')} per axis "
             "for any geometry of the arm. Something is wrong with most of them (a joint's sign, "
             "a unit, rows that do not belong together), so single outliers cannot be found. Run "
             "suta-calib calibrate to find the cause."
             for t, term in zip(terms, solution.problem.terms, strict=True)
-            if t.unexplained > STRANGE * _expected(term)
+            if t.unexplained > 20.0 * _expected(term)
         ]
         levels = [level for t in terms for level in t.levels]
         care = [

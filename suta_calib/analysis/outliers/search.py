@@ -59,9 +59,6 @@ from suta_calib.terms.term import Term
 from suta_calib.threads import single_threaded
 from suta_calib.units import from_deg
 
-# Standard deviations of a built arm about its drawing or URDF, m and rad.
-LENGTH: Final = 5e-3
-ANGLE: Final = from_deg(1.0)
 # Rows beyond which only those with the largest errors are refitted one by one.
 MOST_ROWS: Final = 300
 
@@ -137,8 +134,8 @@ def whole_arm(arm: AnyArm | None, job: ParameterSet) -> ParameterSet:
     A job usually estimates fewer parameters than the arm has. What the others get wrong shows as
     errors of about a millimetre that differ from landmark to landmark, and no metric can tell such
     an error from a landmark that is not where it is certified. So every joint's placement and
-    offset gives way within what a built arm departs from its drawing: priors of `LENGTH` and
-    `ANGLE`, which also keep in place whatever the data cannot tell.
+    offset gives way within what a built arm departs from its drawing: by priors, which also keep in
+    place whatever the data cannot tell.
     """
     if arm is None:
         return job
@@ -146,7 +143,8 @@ def whole_arm(arm: AnyArm | None, job: ParameterSet) -> ParameterSet:
     for name, p in arm.select("geometric", "*.offset").items():
         if name not in parameters:
             free = replace(p, lower=-math.inf, upper=math.inf, plausible=math.nan, free=True)
-            parameters[name] = replace(free, prior=LENGTH if p.unit == "m" else ANGLE)
+            # Standard deviations of a built arm about its drawing or URDF, m and rad.
+            parameters[name] = replace(free, prior=5e-3 if p.unit == "m" else from_deg(1.0))
     return ParameterSet(parameters.values())
 
 

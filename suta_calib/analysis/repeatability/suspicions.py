@@ -35,10 +35,6 @@ from suta_calib.trust.misreadings import MisreadJoints
 from suta_calib.trust.repeats import about_mean
 from suta_calib.units import Unit, from_deg, from_mm, mm
 
-# Rows are copies that differ in no joint by more than this share of its standard deviation, which
-# two visits hardly do in all joints at once. At least what no encoder tells, at most less than the
-# most exact arm comes back by, where several postures make the deviations large; rad or m.
-SHARE: Final = 0.05
 LEAST, MOST = 5e-7, 3e-6
 # Visits that are enough for no reading to fit by chance, and for a joint that stands still to show;
 # and ways in which the joints must have moved for a reading to fit: between two points they move in
@@ -67,7 +63,11 @@ def first_written(q: FloatArray, units: Sequence[Unit]) -> BoolArray:
         return first
     off = departures(q[:, moving], [units[k] for k in moving])
     for most in (MOST, LEAST):
-        near = np.clip(SHARE * off.std(axis=0), LEAST, most)
+        # Rows are copies that differ in no joint by more than this share of its standard deviation,
+        # which two visits hardly do in all joints at once. At least what no encoder tells, at most
+        # less than the most exact arm comes back by, where several postures make the deviations
+        # large; rad or m.
+        near = np.clip(0.05 * off.std(axis=0), LEAST, most)
         first[:] = False
         first[np.unique(together(off / near, 1.0), return_index=True)[1]] = True
         # So many must be copies for more than the least to be what parts them: of many exact visits

@@ -13,9 +13,6 @@ import numpy as np
 from suta_calib.analysis.residual_map.result import JointCurve, ResidualMap
 from suta_calib.arrays import FloatArray
 
-# Postures by which the standard deviation of a map over posture is written: of more the matrix
-# between them grows large, with fewer the standard deviation is too large, not too small.
-SUPPORT: Final = 60
 _HEAD: Final = '''\
 """{about}
 
@@ -154,7 +151,9 @@ def _spread_out(rows: FloatArray) -> list[int]:
     """Rows that are far from each other: each is the farthest from those before."""
     chosen = [0]
     away = np.linalg.norm(rows - rows[0], axis=1)
-    while len(chosen) < min(SUPPORT, len(rows)):
+    # Postures by which the standard deviation of a map over posture is written: of more the matrix
+    # between them grows large, with fewer the standard deviation is too large, not too small.
+    while len(chosen) < min(60, len(rows)):
         chosen.append(int(np.argmax(away)))
         away = np.minimum(away, np.linalg.norm(rows - rows[chosen[-1]], axis=1))
     return chosen

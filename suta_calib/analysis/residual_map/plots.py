@@ -17,8 +17,6 @@ GRID: Final = 81
 # Panels of joints beside each other, and heights of the rows of panels, inch.
 COLUMNS: Final = 3
 TOP: Final = 4.0
-# Of the readings below a curve.
-TICKS: Final[dict[str, Any]] = {"color": "black", "ms": 4, "mew": 0.4}
 ROW: Final = 2.2
 
 
@@ -112,7 +110,16 @@ def _curve(axes: Any, curve: JointCurve, residual_map: ResidualMap) -> None:
     axes.axhline(0.0, color=GREY, lw=0.8)
     column = residual_map.arm.own_joints.index(curve.joint)
     angle = _shown(curve.unit, residual_map.residuals.q[:, column])
-    axes.plot(angle, np.full(len(angle), axes.get_ylim()[0]), "|", rasterized=True, **TICKS)
+    # Of the readings below a curve.
+    axes.plot(
+        angle,
+        np.full(len(angle), axes.get_ylim()[0]),
+        "|",
+        rasterized=True,
+        color="black",
+        ms=4,
+        mew=0.4,
+    )
     axes.set_title(curve.joint, fontsize=8)
     axes.set_xlabel(f"reading, {unit_name(curve.unit)}", fontsize=7)
     axes.set_ylabel(f"correction, {unit_name(curve.unit)}", fontsize=7)

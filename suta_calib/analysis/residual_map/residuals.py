@@ -21,14 +21,10 @@ from suta_calib.trust.tip import sensitivity, tip_displacements
 
 # Fewer rows do not fill the blocks that are left out.
 FEWEST: Final = 30
-# Rows of a block, and blocks at least and at most: a t test gains little beyond 60.
-ROWS_OF_BLOCK: Final = 5
+# Blocks at least and at most: a t test gains little beyond 60.
 BLOCKS: Final = (6, 60)
 # Rows that are used at most: the exact solution takes time with the cube of their number.
 MOST: Final = 1000
-# Robust levels of one component beyond which the error of a row is gross: of normal errors one of
-# 50,000 is.
-GROSS: Final = 5.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,7 +104,9 @@ def tip_residuals(
     if not BLOCKS[0] <= first <= stretches:
         place = np.arange(len(q)) * stretches // len(q)
     size = np.linalg.norm(error, axis=1)
-    sound = size <= GROSS * np.sqrt(3.0) * max(robust_level(error), 1e-12)
+    # Robust levels of one component beyond which the error of a row is gross: of normal errors one
+    # of 50,000 is.
+    sound = size <= 5.0 * np.sqrt(3.0) * max(robust_level(error), 1e-12)
     rows = np.flatnonzero(sound)
     if len(rows) > MOST:
         rows = np.sort(np.random.default_rng(seed).permutation(rows)[:MOST])
@@ -120,7 +118,7 @@ def tip_residuals(
 
 def block_count(rows: int) -> int:
     """How many blocks so many rows are left out in."""
-    return int(np.clip(rows // ROWS_OF_BLOCK, *BLOCKS))
+    return int(np.clip(rows // 5, *BLOCKS))
 
 
 def fitted_residuals(

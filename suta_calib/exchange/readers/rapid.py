@@ -18,10 +18,8 @@ def _numbers(count: int) -> str:
     return rf"(?:\s*{NUMBER}\s*,){{{count - 1}}}\s*{NUMBER}\s*"
 
 
-_TARGET: Final = rf"\[\s*({_list(3)}\s*,\s*{_list(4)})\s*,\s*\["
 # Behind the numbers that are read: the configuration of a robtarget, and the external axes.
 _EXTERNAL: Final = re.compile(rf"\s*,\s*(?:{_list(4)}\s*,\s*)?\[({_numbers(6)})\]", re.ASCII)
-_JOINTS: Final = rf"\[\s*({_list(6)})\s*,\s*\["
 
 
 class RapidReader(ProgramReader):
@@ -32,8 +30,8 @@ class RapidReader(ProgramReader):
     example = "Module1.mod --what joints --out samples.csv"
     signature = re.compile(r"\b(?:robtarget|jointtarget|MODULE)\b")
     suffixes = (".mod", ".modx", ".prg", ".sys")
-    joint_pattern = re.compile(_JOINTS, re.ASCII)
-    pose_pattern = re.compile(_TARGET, re.ASCII)
+    joint_pattern = re.compile(rf"\[\s*({_list(6)})\s*,\s*\[", re.ASCII)
+    pose_pattern = re.compile(rf"\[\s*({_list(3)}\s*,\s*{_list(4)})\s*,\s*\[", re.ASCII)
     pose_form = "wxyz"
     comment = "!"
     opening = re.compile(r"MODULE\s", re.IGNORECASE)

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator, Sequence
 from itertools import combinations
-from typing import Any, Final
+from typing import Any
 
 import numpy as np
 
@@ -19,9 +19,6 @@ from suta_calib.trust import (
 )
 from suta_calib.trust.simulated_faults import with_columns
 from suta_calib.units import text
-
-# Rows at which an exchange may have been.
-MOST_ROWS: Final = 60
 
 
 class ExchangedMarks(AddedVariable):
@@ -48,7 +45,8 @@ class ExchangedMarks(AddedVariable):
                     # The row itself, between the neighbours of the best one.
                     near = [0, *starts, len(labels)][best.window : best.window + 3]
                     nearer = [r for r in range(near[0] + 1, near[2]) if labels[r] in pair]
-                    effect = _exchanged(answer, k, pair, nearer[:: 1 + len(nearer) // MOST_ROWS])
+                    # Rows at which an exchange may have been.
+                    effect = _exchanged(answer, k, pair, nearer[:: 1 + len(nearer) // 60])
                 yield effect
 
     def sentence(self, evidence: Evidence) -> str:

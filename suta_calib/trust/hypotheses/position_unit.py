@@ -3,7 +3,6 @@
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from functools import partial
-from typing import Final
 
 import numpy as np
 
@@ -13,8 +12,6 @@ from suta_calib.terms.hand_eye_start import Poses
 from suta_calib.trust.misreadings import Change, Misreading, PairReading, Pairs, scaled
 from suta_calib.units import from_mm, mm
 
-# Units that positions may be in where m is asked for, m.
-UNITS: Final = {"mm": 1e-3, "cm": 1e-2, "inches": 0.0254}
 IN_MM = "the measured positions are in mm, not m"
 
 
@@ -43,7 +40,8 @@ class PositionUnit(Misreading):
 
     def of_pairs(self, pairs: Pairs) -> Iterator[PairReading]:
         """Two for each unit."""
-        for name, unit in UNITS.items():
+        # Units that positions may be in where m is asked for, m.
+        for name, unit in {"mm": 1e-3, "cm": 1e-2, "inches": 0.0254}.items():
             sentence = f"if {{}}'s positions are in {name}, {{}}'s in m"
             yield (
                 sentence.format("the hand", "the camera"),

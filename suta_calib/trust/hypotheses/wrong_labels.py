@@ -26,8 +26,6 @@ from suta_calib.words import listed
 LANDMARK: Final = "landmark"
 # Times the median error beyond which a row is far off, and below which it agrees.
 FAR, NEAR = 10.0, 3.0
-# Names that are tried: each costs an evaluation of all rows.
-MOST_NAMES: Final = 200
 
 
 @dataclass(frozen=True)
@@ -107,7 +105,8 @@ def _wrong_in(term: Term, solution: Solution) -> Iterator[WrongLabel]:
     far = np.flatnonzero(error > FAR * max(typical, 1e-12))
     names = list(term.touched.landmarks)
     # With so many wrong rows the fit is not reliable.
-    if not len(far) or len(far) > 0.3 * len(error) or len(names) > MOST_NAMES:
+    # Names that are tried: each costs an evaluation of all rows.
+    if not len(far) or len(far) > 0.3 * len(error) or len(names) > 200:
         return
     tried = np.array([_renamed_errors(term, solution, rows[far], name, far) for name in names])
     best = np.argmin(tried, axis=0)
