@@ -56,14 +56,14 @@ import math
 from collections import defaultdict
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cache, cached_property
+from functools import cached_property
 from typing import Literal
 
 import casadi as ca
 import numpy as np
 
 from suta_calib.arrays import FloatArray
-from suta_calib.geometry.symbols import Symbol, symbolic_rotation
+from suta_calib.geometry.symbols import Symbol
 from suta_calib.geometry.travel import TURNS, Said
 from suta_calib.model.chain import LoopJoints
 from suta_calib.model.gravity import Load, MovingFrame, gravity_torques
@@ -89,6 +89,14 @@ from suta_calib.model.parameters import (
     ROTATION,
     SHARE,
     coupling_key,
+)
+from suta_calib.model.segment_steps import (
+    lag_by_friction,
+    lag_by_play,
+    lean_of_link,
+    turn_about_axis,
+    turn_by_vector,
+    velocity_of_turn,
 )
 from suta_calib.model.tilt import MOUNT, TURN, UP, TiltedLink
 
@@ -301,13 +309,13 @@ class _Walk:
             return
         sensor, reach = link.sensor, ca.DM(_snapped(link.reach))
         (share, turn), mount = sensor.names(SHARE, TURN), sensor.names(*MOUNT)
-        mounted, mount_axes = _turned()(ca.vertcat(*map(self.value, mount)))
+        mounted, mount_axes = turn_by_vector()(ca.vertcat(*map(self.value, mount)))
         upright = ca.DM(_snapped(np.array(sensor.upright)))
-        turning, along = _spun()(ca.SX.eye(3), upright, self.value(turn))
+        turning, along = turn_about_axis()(ca.SX.eye(3), upright, self.value(turn))
         in_link = turning @ mounted @ self.felt[link.column : link.column + 3]
         shown = self.rotation @ in_link
         lean = self.root_axes.T @ ca.vertcat(*map(self.value, UP))
-        turned, by_shown, by_lean = _leaned()(shown, self.up, lean)
+        turned, by_shown, by_lean = lean_of_link()(shown, self.up, lean)
         point = self.position + self.value(share) * (self.rotation @ reach)
         taken_back = dict[int, int]()
         # What turns the model's link turns what was felt with it, and so is taken back.
@@ -363,7 +371,7 @@ class _Walk:
 
     def _turned(self, segment: Segment, vector: Symbol) -> Symbol:
         """The axes (3, 3) of a turn's components, in the base, once it is made."""
-        turn, axes = _turned()(vector)
+        turn, axes = turn_by_vector()(vector)
         if segment.climbed:
             self.rotation = self.rotation @ turn.T
             return -self.rotation @ axes
@@ -399,7 +407,7 @@ class _Walk:
         if segment.motion != "revolute" or not self.matters(offset):
             return across
         axis = ca.DM(_snapped(segment.axis))
-        return _spun()(ca.SX.eye(3), axis, self.value(offset))[0] @ across
+        return turn_about_axis()(ca.SX.eye(3), axis, self.value(offset))[0] @ across
 
     def _slid(self, segment: Segment) -> Symbol | None:
         """(3,) how far its offset moves the origin of a joint that slides, in the joint's frame."""
@@ -436,7 +444,7 @@ class _Walk:
         for much, slopes in self._beyond_linear(segment, reading):
             amount += much
             effects |= slopes
-        spun, along = _spun()(self.rotation, axis, way * amount)
+        spun, along = turn_about_axis()(self.rotation, axis, way * amount)
         turned = way * along
         self.note(effects, turned, point if turns else None)
         (compliance,) = segment.names(COMPLIANCE)
@@ -504,7 +512,7 @@ class _Walk:
             least = LEAST_DECAY * NOMINAL_DECAY[unit]
             way = ca.fmax(self.value(decay), least)
             size = self.value(hysteresis)
-            by_size, by_way = _friction()(travel, way)
+            by_size, by_way = lag_by_friction()(travel, way)
             yield size * by_size, {hysteresis: by_size, decay: size * by_way}
         ratio, *waves = segment.names(GEAR_RATIO, *RIPPLE)
         if segment.motion == "revolute" and self.matters(ratio) and any(map(self.matters, waves)):
@@ -532,7 +540,7 @@ class _Walk:
         if travel is None:
             lag, slope = by_direction or (ca.SX(0), ca.SX(0))
         else:
-            lag, slope = _play()(travel, width)
+            lag, slope = lag_by_play()(travel, width)
             if by_direction is not None:
                 lag, slope = (
                     ca.if_else(direction == 0, own, stated)
@@ -542,7 +550,7 @@ class _Walk:
 
     def jacobian(self) -> Symbol:
         """(6, rows): linear over angular velocity of the tip in the base frame, per parameter."""
-        twist, rows = _twist(), [ca.SX(6, 0)]
+        twist, rows = velocity_of_turn(), [ca.SX(6, 0)]
         done = [
             twist(way, self.position - point) if point is not None else ca.vertcat(way, ca.SX(3, 1))
             for way, point in self.ways
@@ -744,96 +752,6 @@ def _close(loop: ClosedLoop, walk: _Walk, q: Symbol) -> None:
     for k, name in enumerate(loop.loop.passive):
         columns = {n: slopes[k, j] for n, j in walk.index.items() if slopes[k, j].nnz()}
         walk.passive[name] = angles[k], columns
-
-
-# What is done with every segment is composed once: an operation on symbols takes some 20 µs from
-# Python, however small it is, and so does a whole function of them. CasADi leaves out what is zero.
-
-
-@cache
-def _turned() -> Symbol:
-    """CasADi function (rotation vector (3)) → rotation (3, 3), axes (3, 3) of its components.
-
-    A column is the angular velocity for unit change of a component, in the frame before the turn,
-    in which the turn's two sides are alike.
-    """
-    vector = ca.SX.sym("r", 3)
-    turn = symbolic_rotation(vector)
-    derivative = ca.jacobian(ca.vec(turn), vector)
-    spins = [ca.reshape(derivative[:, k], 3, 3) @ turn.T for k in range(3)]
-    axes = [ca.vertcat(spin[2, 1], spin[0, 2], spin[1, 0]) for spin in spins]
-    return ca.Function("turned", [vector], [turn, ca.horzcat(*axes)])
-
-
-@cache
-def _spun() -> Symbol:
-    """CasADi function (rotation (3, 3), axis (3), angle) → rotation (3, 3), its axis (3).
-
-    By Rodrigues' formula; the axis, where the rotation has brought it, is the same behind the turn.
-    """
-    rotation, axis, angle = ca.SX.sym("R", 3, 3), ca.SX.sym("a", 3), ca.SX.sym("t")
-    outer = axis @ axis.T
-    spin = ca.cos(angle) * (ca.SX.eye(3) - outer) + ca.sin(angle) * ca.skew(axis) + outer
-    return ca.Function("spun", [rotation, axis, angle], [rotation @ spin, rotation @ axis])
-
-
-@cache
-def _leaned() -> Symbol:
-    """CasADi function (R S a (3), up (3), lean of it (3)) → T (3, 3) of `model.tilt`.
-
-    And its turn per change of what was felt, and of the lean, (3, 3). Where nothing was felt, T
-    does nothing.
-    """
-    shown, up, lean = (ca.SX.sym(name, 3) for name in ("w", "u", "lean"))
-    leaning = symbolic_rotation(lean) @ up
-    spin = ca.skew(ca.cross(shown, leaning))
-    least = ca.SX.eye(3) + spin + spin @ spin / (1 + ca.dot(shown, leaning))
-
-    def turns(inputs: Symbol) -> Symbol:
-        derivative = ca.jacobian(ca.vec(least), inputs)
-        spins = [ca.reshape(derivative[:, k], 3, 3) @ least.T for k in range(inputs.numel())]
-        return ca.horzcat(*(ca.vertcat(s[2, 1], s[0, 2], s[1, 0]) for s in spins))
-
-    return ca.Function("leaned", [shown, up, lean], [least, turns(shown), turns(lean)])
-
-
-@cache
-def _play() -> Symbol:
-    """CasADi function (travel (TURNS), width) → what a joint with play lags by, and its slope.
-
-    As much of the width, the other way, where that is below zero. Where the gap is crossed the lag
-    bends over a tenth of the width: steps that meet a corner in every other row would not settle.
-    """
-    travel, width, bend = ca.SX.sym("s", TURNS), ca.SX.sym("w"), 0.1
-    share = ca.DM([0.5] + [1.0] * (TURNS - 1))
-    way, limit, side = ca.fabs(travel), share * ca.fabs(width), ca.sign(travel)
-    beyond = way - limit
-    # A square root has a slope where it is zero, too.
-    rounded = ca.sqrt(beyond**2 + (bend * limit) ** 2 + 1e-24)
-    # What it takes to have no lag on no way.
-    more = 0.5 * (math.hypot(1.0, bend) - 1.0)
-    crossed = (0.5 * (way + limit - rounded) + more * limit) / (1.0 + more)
-    lag = ca.if_else(width < 0, 1.0, -1.0) * ca.sum1(side * crossed)
-    by_limit = (0.5 * (1.0 - (bend**2 * limit - beyond) / rounded) + more) / (1.0 + more)
-    return ca.Function("play", [travel, width], [lag, -ca.sum1(side * share * by_limit)])
-
-
-@cache
-def _friction() -> Symbol:
-    """CasADi function (travel (TURNS), decay) → lag per unit of hysteresis, and by the decay."""
-    travel, decay = ca.SX.sym("s", TURNS), ca.SX.sym("d")
-    share = ca.DM([0.5] + [1.0] * (TURNS - 1))
-    ways = ca.fabs(travel) / share / decay
-    fading, sides = ca.exp(-ways), -ca.sign(travel) * share
-    by_decay = ca.sum1(sides * -ways * fading) / decay
-    return ca.Function("friction", [travel, decay], [ca.sum1(sides * (1 - fading)), by_decay])
-
-
-@cache
-def _twist() -> Symbol:
-    """CasADi function (axis (3), lever (3)) → linear and angular velocity (6) of a turn."""
-    axis, lever = ca.SX.sym("a", 3), ca.SX.sym("p", 3)
-    return ca.Function("twist", [axis, lever], [ca.vertcat(ca.cross(axis, lever), axis)])
 
 
 def _snapped(array: FloatArray) -> FloatArray:

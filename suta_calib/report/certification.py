@@ -317,8 +317,8 @@ def _marks(axes: Axes, certification: Certification, places: FloatArray, bad: Bo
     x, y = mm(places[:, 0]), mm(places[:, 1])
     axes.plot(x[~bad], y[~bad], "o", color=BLUE, ms=5, label="landmark")
     if bad.any():
-        look: dict[str, Any] = OUTLIER | {"ms": 10, "mew": 0.8}
-        axes.plot(x[bad], y[bad], label="damaged or badly touched", **look)
+        damaged: dict[str, Any] = OUTLIER | {"ms": 10, "mew": 0.8}
+        axes.plot(x[bad], y[bad], label="damaged or badly touched", **damaged)
         axes.legend(loc="lower right", bbox_to_anchor=(1, 1), fontsize=8, borderaxespad=0.2)
     falls = (
         np.zeros(len(x))
