@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from itertools import combinations
-from typing import Final
+from typing import Final, Literal
 
 import numpy as np
 
@@ -15,7 +15,11 @@ from suta_calib.pose_calibration.consensus import Consensus
 from suta_calib.pose_calibration.loop_start import first_consensus, poses_by
 from suta_calib.pose_calibration.robust_fit import RobustFit
 from suta_calib.pose_calibration.sight import Sight
-from suta_calib.pose_calibration.undetermined import axes_that_stand, undetermined_directions
+from suta_calib.pose_calibration.undetermined import (
+    Role,
+    axes_that_stand,
+    undetermined_directions,
+)
 from suta_calib.terms.hand_eye_start import Poses, chordal_mean
 from suta_calib.terms.many_eyes_start import SeenTogether, loop_errors
 from suta_calib.terms.poses import WANDER, together
@@ -154,24 +158,6 @@ def refuse_strangers(
         raise _disagreement(start, length, places)
 
 
-def refuse_unseen(inliers: BoolArray, sight: Sight) -> None:
-    """Refuse an eye, or a target, of which no row agrees with the others."""
-    sides = (
-        ("eye", sight.eyes, sight.together.eye),
-        ("target", sight.targets, sight.together.target),
-    )
-    for role, names, which in sides:
-        for k, name in enumerate(names):
-            rows = which == k
-            if not inliers[rows].any():
-                raise SamplesError(
-                    f"{role} {name}, of whose {int(rows.sum())} rows none agrees with the others",
-                    "rows that agree",
-                    hint=f"is the label right, and did {role} {name} stay in its place? Measure "
-                    "again, or leave these rows out",
-                )
-
-
 def refuse_apart(start: Consensus) -> None:
     """Refuse eyes and targets of which each two agree by themselves, but not all together."""
     agreeing, count = int(start.inliers.sum()), len(start.inliers)
@@ -206,12 +192,12 @@ def refuse_exchanged(
     # Part of the rows that a few accidents may be; unless everything is off.
     if lost < 0.1 and start.sigmas[0] < SUSPICIOUS and start.sigmas[1] < TURNED:
         return
-    best: tuple[float, int, str, int, int] = (0.0, 0, "", 0, 0)
+    best: tuple[float, int, Role | Literal[""], int, int] = (0.0, 0, "", 0, 0)
     for late, half in enumerate(np.array_split(np.arange(count), 2)):
         X, Z = poses_by(A, B, together, half)
         errors = loop_errors(A, B, X, Z, together)
         units = [max(float(np.median(np.linalg.norm(e[half], axis=1))), 1e-9) for e in errors]
-        for role, names in (("eye", sight.eyes), ("target", sight.targets)):
+        for role, names, _ in sight.sides:
             for a, b in combinations(range(len(names)), 2):
                 swapped = _exchanged(together, role, a, b, np.arange(count))
                 other = loop_errors(A, B, X, Z, swapped)

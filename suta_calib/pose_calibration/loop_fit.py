@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Final, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from suta_calib.arrays import FloatArray, IntArray
+from suta_calib.arrays import BoolArray, FloatArray, IntArray
 from suta_calib.errors import ParameterError, SamplesError
 from suta_calib.geometry.numbers import (
     extent,
@@ -25,7 +25,6 @@ from suta_calib.pose_calibration.hand_eye_causes import (
     refuse_exchanged,
     refuse_misread,
     refuse_strangers,
-    refuse_unseen,
 )
 from suta_calib.pose_calibration.inputs import checked_poses, error_context
 from suta_calib.pose_calibration.loop_start import FEW_PAIRS, NEEDED, first_consensus
@@ -33,6 +32,7 @@ from suta_calib.pose_calibration.robot_noise import RobotNoise, noise_made_direc
 from suta_calib.pose_calibration.robust_fit import MOST_ROWS, ROUNDING, RobustFit, robust_fit
 from suta_calib.pose_calibration.sight import Sight
 from suta_calib.pose_calibration.undetermined import (
+    NotFound,
     axes_that_stand,
     refuse_undetermined,
     undetermined_directions,
@@ -45,14 +45,9 @@ from suta_calib.trust.hypotheses.depth_scale import DepthScale
 from suta_calib.trust.hypothesis import Finding, weigh
 from suta_calib.trust.rule import Rule
 from suta_calib.units import from_deg
-from suta_calib.words import listed
 
 # What makes X known.
 ADVICE: Final = "turn the hand about at least two axes that are not parallel"
-ADVICE_OF_SEVERAL: Final = (
-    f"{ADVICE} while this eye sees a target, let it see a target that another eye sees too, or "
-    "leave its rows out"
-)
 # No hand and no eye is believed to turn more exactly than this when turns are weighed against
 # displacements: what is smaller repeats well, but is an error of the instruments all the same.
 FINEST_TURN: Final = from_deg(0.1)
@@ -94,6 +89,9 @@ class LoopFit:
         examination: prepared for the hypotheses about wrong data.
         weighed: the evidence on them.
         failed: what of judging failed, one sentence each.
+        sight: which eye saw which target, of those that were found.
+        numbers: (n,) of the pairs in their file, from 0: those of what was found.
+        not_found: eyes and targets whose pose the pairs do not give.
     """
 
     fit: RobustFit
@@ -109,6 +107,9 @@ class LoopFit:
     examination: Examination
     weighed: tuple[Finding, ...]
     failed: tuple[str, ...]
+    sight: Sight
+    numbers: IntArray
+    not_found: tuple[NotFound, ...] = ()
 
     @property
     def attributes(self) -> dict[str, Any]:
@@ -127,6 +128,7 @@ class LoopFit:
             "unjudged": self.failed,
             "examination": self.examination,
             "weighed": self.weighed,
+            "numbers": self.numbers,
         }
 
 
@@ -139,6 +141,7 @@ def fit_loops(
     robust: bool,
     seed: int,
     rule: Rule,
+    numbers: IntArray | None = None,
 ) -> LoopFit:
     """Closed form, from a consensus of the pairs, then robustly on SE(3).
 
@@ -150,11 +153,13 @@ def fit_loops(
         robust: False for least squares over all pairs.
         seed: of the minimal samples.
         rule: when a hypothesis about wrong data is reported.
+        numbers: (n,) of the pairs in their file, if they are not all of it.
 
     Raises:
         SamplesError: pairs that agree with no X, with what would make them agree; or motions that
-            leave an X open, with the directions.
+            leave every X open, with the directions.
     """
+    numbers = np.arange(len(hand[1]), dtype=np.intp) if numbers is None else numbers
     _refuse_constant(hand, seen, sight)
     A, B = as_eye_in_hand(hand, setup), seen
     length, centre, scaled, target = _in_units(A, B)
@@ -162,7 +167,7 @@ def fit_loops(
     chosen = seed if robust and not few else None
     start = first_consensus(scaled, target, sight.together, chosen)
     if not sight.one:
-        refuse_exchanged(start, scaled, target, sight, chosen)
+        refuse_exchanged(start, scaled, target, sight, chosen, numbers)
         refuse_apart(start)
     _refuse_misread(scaled, target, sight, length, setup, chosen, rule)
     noise = RobotNoise(scaled, target, FINEST_TURN, sight.labels)
@@ -176,10 +181,23 @@ def fit_loops(
     made_by_noise = [noise_made_directions(fit, noise, k) for k in range(eyes)]
     more = dict(zip(sight.owners()[0], made_by_noise, strict=True))
     refuse_strangers(fit, start, A[0], length, more, sight.parts)
-    refuse_unseen(fit.inliers, sight)
-    _refuse_undetermined(fit, A[0], sight, made_by_noise)
+    lost = _not_found(fit, A[0], sight, made_by_noise)
+    if lost:
+        rows = np.flatnonzero(~_looking_at(lost, sight))
+        if not len(rows):
+            raise SamplesError(
+                f"poses that determine no eye. {lost[0].sentence}",
+                "poses turned by tens of degrees about at least two different axes",
+            )
+        rest = sight.of_rows(rows)
+        lost += _without_partners(sight, rest, lost)
+        pairs = some_poses(hand, rows), some_poses(seen, rows)
+        again = fit_loops(
+            *pairs, rest, setup, robust=robust, seed=seed, rule=rule, numbers=numbers[rows]
+        )
+        return replace(again, not_found=(*lost, *again.not_found))
     failed = list[str]()
-    answer = fit.examined(length, "pairs", sight.called(setup), seen_by=sight.seen_by)
+    answer = fit.examined(length, "pairs", sight.called(setup), numbers, sight.seen_by)
     weighed = weigh(answer, failed)
     far = next((f for f in weighed if f.hypothesis.name == DepthScale.name), None)
     explained: tuple[FloatArray, ...] = ()
@@ -208,6 +226,8 @@ def fit_loops(
         examination=answer,
         weighed=tuple(weighed),
         failed=tuple(failed),
+        sight=sight,
+        numbers=numbers,
     )
 
 
@@ -268,29 +288,52 @@ def _refuse_misread(
         refuse_misread(start(A, B), A, B, length, other, start, rule)
 
 
-def _refuse_undetermined(
+def _not_found(
     fit: RobustFit, hand: FloatArray, sight: Sight, made_by_noise: Sequence[Sequence[FloatArray]]
-) -> None:
-    """Refuse motions that leave the X of an eye open, and name the eyes and the directions."""
-    open_eyes = [
-        (k, name)
-        for k, (name, owner) in enumerate(zip(sight.eyes, sight.owners()[0], strict=True))
-        if undetermined_directions(fit.solution, owner, made_by_noise[k])
-    ]
-    if not open_eyes:
-        return
-    k, name = open_eyes[0]
-    sees = sight.together.eye == k
-    part = next(part for part in sight.parts if (part & sees).any())
-    still = axes_that_stand(hand[fit.inliers & part], fit.sigmas[1])
-    what, advice = "X", ADVICE
-    if not sight.one:
-        what, advice = f"X of eye {name}", ADVICE_OF_SEVERAL
-        if others := [name for _, name in open_eyes[1:]]:
-            advice = f"{advice}. The same is so of {listed([f'eye {n}' for n in others])}"
-    owner = sight.owners()[0][k]
-    axis = still if len(still) == 1 else None
-    refuse_undetermined(fit.solution, owner, what, advice, axis, made_by_noise[k])
+) -> list[NotFound]:
+    """Eyes whose X the motions leave open, and eyes and targets of which no row agrees.
+
+    Raises:
+        SamplesError: there is only one eye, and it is open.
+    """
+    found = list[NotFound]()
+    for role, names, which in sight.sides:
+        agreeing = np.bincount(which, fit.inliers, len(names))
+        unseen = np.flatnonzero(agreeing == 0)
+        found += [NotFound(role, names[k], int(np.sum(which == k))) for k in unseen]
+    for k, (name, owner) in enumerate(zip(sight.eyes, sight.owners()[0], strict=True)):
+        sees = sight.together.eye == k
+        part = next(part for part in sight.parts if (part & sees).any())
+        still = axes_that_stand(hand[fit.inliers & part], fit.sigmas[1])
+        axis = still if len(still) == 1 else None
+        if sight.one:
+            refuse_undetermined(fit.solution, owner, "X", ADVICE, axis, made_by_noise[k])
+        elif directions := undetermined_directions(fit.solution, owner, made_by_noise[k], axis):
+            found.append(NotFound("eye", name, int(sees.sum()), tuple(directions)))
+    return found
+
+
+def _looking_at(lost: Sequence[NotFound], sight: Sight) -> BoolArray:
+    """(n,) rows of eyes or targets that were not found."""
+    gone = np.zeros(len(sight.together.eye), dtype=np.bool_)
+    for role, names, which in sight.sides:
+        gone |= np.isin(names, [one.name for one in lost if one.role == role])[which]
+    return gone
+
+
+def _without_partners(sight: Sight, rest: Sight, lost: Sequence[NotFound]) -> list[NotFound]:
+    """Eyes and targets that vanish with those that were not found."""
+    named = {(role, name) for role, names, _ in rest.sides for name in names}
+    named |= {(one.role, one.name) for one in lost}
+    vanished, sides = list[NotFound](), sight.sides
+    for (role, names, which), (_, others, partner) in zip(sides, sides[::-1], strict=True):
+        for k, name in enumerate(names):
+            if (role, name) in named:
+                continue
+            rows = which == k
+            partners = tuple(others[p] for p in np.unique(partner[rows]).tolist())
+            vanished.append(NotFound(role, name, int(rows.sum()), (), partners))
+    return vanished
 
 
 def _copies(A: Poses, B: Poses, sight: SeenTogether, fit: RobustFit) -> int:

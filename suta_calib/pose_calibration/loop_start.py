@@ -16,6 +16,7 @@ from suta_calib.pose_calibration.consensus import (
     minimal_samples,
     outlier_limit,
 )
+from suta_calib.pose_calibration.undetermined import axes_that_stand
 from suta_calib.terms.hand_eye_start import (
     Poses,
     chordal_mean,
@@ -62,6 +63,13 @@ def first_consensus(A: Poses, B: Poses, together: SeenTogether, seed: int | None
         # target was not where it was: no scatter of instruments or of a hand explains it.
         sigmas = np.minimum(sigmas, 5.0 * np.median(alone, axis=0) + ROUNDING)
     inliers = np.sum((norms / sigmas) ** 2, axis=1) <= outlier_limit(count, 2)
+    # Where the hand turns about one axis only, rotations alone leave X open: closed forms say
+    # nothing of these rows.
+    part_of_row = together.parts[0][together.eye]
+    for part in np.unique(part_of_row):
+        rows = (part_of_row == part) & believed
+        if len(axes_that_stand(A[0][rows], float(sigmas[1]))):
+            inliers[part_of_row == part] = believed[part_of_row == part]
     return Consensus(inliers, sigmas)
 
 

@@ -20,6 +20,7 @@ from suta_calib.pose_calibration.loop_answer import LoopAnswer
 from suta_calib.pose_calibration.loop_fit import checked_pairs, fit_loops
 from suta_calib.pose_calibration.robust_answer import doubting, exchanged
 from suta_calib.pose_calibration.sight import Sight
+from suta_calib.pose_calibration.undetermined import NotFound
 from suta_calib.terms.hand_eye_start import EYE_IN_HAND, EyeSetup
 from suta_calib.trust.hypotheses.depth_scale import DepthScale
 from suta_calib.trust.rule import Rule
@@ -64,11 +65,14 @@ class ManyEyesCalibration(LoopAnswer):
         Z: (targets, 4, 4), ``T_base_target``, or ``T_hand_target`` for eye-to-hand; m.
         covariance: displacement (m, outer frame's axes) and small turn (rad, own axes) of all X,
             then of all Z.
+        not_found: eyes and targets whose pose the rows do not give: they are neither in `sight`
+            nor are their rows among those of the answer, which have their `numbers`.
     """
 
     sight: Sight
     X: FloatArray
     Z: FloatArray
+    not_found: tuple[NotFound, ...] = ()
 
     @property
     def in_a_line(self) -> str:
@@ -146,7 +150,7 @@ class ManyEyesCalibration(LoopAnswer):
     @judged
     def assessment(self) -> Assessment:
         """How far to trust every X."""
-        caution = self._cautions_on_pairs
+        caution = [*(one.sentence for one in self.not_found[:NAMED]), *self._cautions_on_pairs]
         if not self.moved and not self.far_sight:
             unsure = [eye for eye in self.eyes if eye.unsure("")]
             caution += [
@@ -156,7 +160,9 @@ class ManyEyesCalibration(LoopAnswer):
             ]
         caution += self.others_found(DepthScale.name)
         caution += [*self._losing]
-        bad = self.objections("pairs", self.inliers, self.length)
+        disagreeing = sum(one.rows for one in self.not_found if one.disagrees)
+        of_all = np.append(self.inliers, np.zeros(disagreeing, dtype=np.bool_))
+        bad = self.objections("pairs", of_all, self.length)
         if objection := self._inverted:
             bad.append(objection)
         (bad if len(self.notes) > 1 else caution).extend(self.notes)
@@ -245,7 +251,8 @@ def calibrate_many_eyes(
     """X of every eye and Z of every target of ``A_i X_e B_i = Z_t``, from pairs of poses.
 
     As `calibrate_hand_eye`, in one problem: eyes and targets are joined by the rows in which they
-    saw one another, and rows with one pose of the hand share its errors.
+    saw one another, and rows with one pose of the hand share its errors. An eye whose X the rows
+    leave open has none; the others do not suffer from it.
 
     Args:
         hand: ``T_base_hand``: rotations (n, 3, 3) and positions (n, 3), m.
@@ -258,14 +265,15 @@ def calibrate_many_eyes(
         rule: when a hypothesis about wrong data is reported.
 
     Raises:
-        SamplesError: as `calibrate_hand_eye`, with the eye or the target that it is about; or
-            labels that are exchanged from some row on.
+        SamplesError: as `calibrate_hand_eye`, with the eye or the target that it is about; labels
+            that are exchanged from some row on; or no eye whose X is determined.
     """
     A, B = checked_pairs(hand, seen, setup)
     sight = Sight.of(len(A[1]), eye, target)
     fitted = fit_loops(A, B, sight, setup, robust=robust, seed=seed, rule=rule)
     return ManyEyesCalibration(
-        sight=sight,
+        sight=fitted.sight,
+        not_found=fitted.not_found,
         X=np.array([homogeneous(*pose) for pose in zip(*fitted.X, strict=True)]),
         Z=np.array([homogeneous(*pose) for pose in zip(*fitted.Z, strict=True)]),
         setup=setup,

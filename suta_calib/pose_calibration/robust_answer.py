@@ -9,7 +9,7 @@ from typing import Any, Final, ParamSpec, TypeVar
 
 import numpy as np
 
-from suta_calib.arrays import BoolArray, FloatArray
+from suta_calib.arrays import BoolArray, FloatArray, IntArray
 from suta_calib.assessment import Level, attempt
 from suta_calib.errors import SamplesError
 from suta_calib.geometry.numbers import rms_length
@@ -50,6 +50,7 @@ class RobustAnswer:
         weighed: the evidence on every hypothesis about wrong data, supported or not.
         rule: when evidence is reported.
         optimality: what is proven of its being the best, where that was asked.
+        numbers: (n,) of the rows in their file, from 0; None where they are all of it.
     """
 
     covariance: FloatArray
@@ -64,6 +65,12 @@ class RobustAnswer:
     weighed: tuple[Finding, ...] = ()
     rule: Rule = Rule()
     optimality: Optimality | None = None
+    numbers: IntArray | None = None
+
+    def rows_in_file(self, which: BoolArray) -> tuple[int, ...]:
+        """Numbers, from 0, of some of the rows (n,)."""
+        rows = np.flatnonzero(which)
+        return tuple((rows if self.numbers is None else self.numbers[rows]).tolist())
 
     def evidence(self, hypothesis: str) -> Evidence | None:
         """On a hypothesis by its name; None where it was not tested."""
@@ -96,7 +103,7 @@ class RobustAnswer:
     @property
     def outliers(self) -> tuple[int, ...]:
         """Rows judged outliers, from 0."""
-        return tuple(int(row) for row in np.flatnonzero(~self.inliers))
+        return self.rows_in_file(~self.inliers)
 
     def agreed(self, what: str, *turned: str) -> str:
         """How well the rows that were fitted agree, as the end of a sentence."""
@@ -131,7 +138,7 @@ class RobustAnswer:
 
     def notes_on_rows(self, what: str) -> list[str]:
         """Rows, ``what`` in the plural, that are far from the others but were used."""
-        rows = listed([str(row) for row in np.flatnonzero(self.suspects)])
+        rows = listed([str(row) for row in self.rows_in_file(self.suspects)])
         if not rows:
             return []
         if self.all_believed:
@@ -180,7 +187,8 @@ def doubting(solve: Callable[P, A]) -> Callable[P, A]:
 def _contradicting(solve_robustly: Callable[[], RobustAnswer], answer: RobustAnswer) -> BoolArray:
     """(n,) rows that a robust answer leaves out."""
     try:
-        return ~solve_robustly().inliers
+        wrong = solve_robustly().outliers
+        return np.isin(answer.rows_in_file(np.ones_like(answer.inliers)), wrong)
     except SamplesError:
         # Too few rows agree to identify the correct ones.
         return answer.suspects

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from suta_calib.arrays import BoolArray, IntArray
 from suta_calib.errors import SamplesError
 from suta_calib.pose_calibration.robot_noise import EYE, TARGET
+from suta_calib.pose_calibration.undetermined import Role
 from suta_calib.terms.block import grouped
 from suta_calib.terms.external_frame import labelled
 from suta_calib.terms.hand_eye_start import EYE_IN_HAND, EYE_TO_HAND, EyeSetup
@@ -71,6 +72,16 @@ class Sight:
         together = SeenTogether(of_eye, of_target, len(eyes), len(targets))
         return cls(together, tuple(eyes), tuple(targets))
 
+    def of_rows(self, rows: IntArray) -> Sight:
+        """What some of the rows look at, which others may do without."""
+        eye, target = self.together.eye[rows], self.together.target[rows]
+        return Sight.of(len(rows), np.array(self.eyes)[eye], np.array(self.targets)[target])
+
+    @property
+    def sides(self) -> tuple[tuple[Role, tuple[str, ...], IntArray], ...]:
+        """Eyes, then targets: what they are, their names, and which of them every row looks at."""
+        return ("eye", self.eyes, self.together.eye), ("target", self.targets, self.together.target)
+
     @property
     def one(self) -> bool:
         """Whether there are one eye and one target, which nothing names."""
@@ -95,9 +106,7 @@ class Sight:
         if self.one:
             return MAY_MOVE[setup]
         words: dict[str, str] = {}
-        for role, names, owners in zip(
-            ("eye", "target"), (self.eyes, self.targets), self.owners(), strict=True
-        ):
+        for (role, names, _), owners in zip(self.sides, self.owners(), strict=True):
             for name, owner in zip(names, owners, strict=True):
                 alone = name == ONLY
                 words[owner] = MAY_MOVE[setup][owner] if alone else f"{role} {name}"
@@ -108,10 +117,9 @@ class Sight:
         """Rows that look at each, by its owner; none where all of them do."""
         if self.one:
             return {}
-        sides = (self.together.eye, self.together.target)
         return {
             owner: np.flatnonzero(which == k)
-            for which, owners in zip(sides, self.owners(), strict=True)
+            for (_, _, which), owners in zip(self.sides, self.owners(), strict=True)
             for k, owner in enumerate(owners)
         }
 

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 
@@ -11,6 +13,58 @@ from suta_calib.errors import SamplesError
 from suta_calib.model.parameters import PLACEMENT
 from suta_calib.solver.identifiability import NOISE_INDUCED_SHARE
 from suta_calib.solver.solution import Solution
+from suta_calib.words import listed
+
+# What has a pose among several.
+Role = Literal["eye", "target"]
+
+
+@dataclass(frozen=True)
+class NotFound:
+    """An eye or a target among several of which the rows give no pose.
+
+    Attributes:
+        role: ``eye`` or ``target``.
+        name: its label.
+        rows: how many look at it.
+        directions: in which its pose is open, in words.
+        partners: names of those that it was seen with, if none of them was found either; without
+            these and `directions` no row of it agrees with the others.
+    """
+
+    role: Role
+    name: str
+    rows: int
+    directions: tuple[str, ...] = ()
+    partners: tuple[str, ...] = ()
+
+    @property
+    def disagrees(self) -> bool:
+        """Whether it is left out because no row of it agrees with the others."""
+        return not (self.directions or self.partners)
+
+    @property
+    def sentence(self) -> str:
+        """Why there is no pose, and what to do."""
+        what = "X" if self.role == "eye" else "Z"
+        if self.directions:
+            return (
+                f"{what} of {self.role} {self.name} could not be determined and is not given: it "
+                f"may {' and '.join(self.directions)}. Turn the hand about at least two axes that "
+                "are not parallel while this eye sees a target, or let it see a target that "
+                "another eye sees too."
+            )
+        if self.partners:
+            other = "target" if self.role == "eye" else "eye"
+            return (
+                f"{what} of {self.role} {self.name} is not given: it was seen with {other} "
+                f"{listed([*self.partners])} only, which could not be placed."
+            )
+        return (
+            f"{what} of {self.role} {self.name} could not be determined and is not given: none of "
+            f"its {self.rows} rows agrees with the others. Is the label right, and did "
+            f"{self.role} {self.name} stay in its place? Measure again."
+        )
 
 
 def refuse_undetermined(
@@ -32,10 +86,7 @@ def refuse_undetermined(
             true where the start was as undetermined as the solution.
         more: displacements and turns (6,) that are undetermined beside what the solution holds.
     """
-    directions = undetermined_directions(solution, unknown, more)
-    if directions and slides is not None:
-        directions = [f"slide along {_vector(v)}" for v in slides]
-    if directions:
+    if directions := undetermined_directions(solution, unknown, more, slides):
         raise SamplesError(
             f"poses that do not determine {what}: it may {' and '.join(directions)}",
             "poses turned by tens of degrees about at least two different axes",
@@ -44,7 +95,10 @@ def refuse_undetermined(
 
 
 def undetermined_directions(
-    solution: Solution, unknown: str, more: Sequence[FloatArray] = ()
+    solution: Solution,
+    unknown: str,
+    more: Sequence[FloatArray] = (),
+    slides_instead: FloatArray | None = None,
 ) -> list[str]:
     """What may change unnoticed, each in words such as ``slide along (0.00, 0.00, 1.00)``."""
     keys = {f"{unknown}.{key}": k for k, key in enumerate(PLACEMENT)}
@@ -58,6 +112,8 @@ def undetermined_directions(
             weak.append(vector / np.linalg.norm(vector))
     if not weak:
         return []
+    if slides_instead is not None:
+        return [f"slide along {_vector(v)}" for v in slides_instead]
     slide, turn = np.split(np.array(weak).T, 2)
     turns, without_turn = _span(turn)
     slides, _ = _span(slide @ without_turn)

@@ -14,6 +14,7 @@ from suta_calib.measurements.pose_files import PosePairs
 from suta_calib.model.parameters import PLACEMENT
 from suta_calib.pose_calibration.eye_poses import FRAMES, PoseAccuracy, Unknown
 from suta_calib.pose_calibration.many_eyes import FoundPose, ManyEyesCalibration
+from suta_calib.pose_calibration.undetermined import NotFound
 from suta_calib.report.document import Document, Figure, Part
 from suta_calib.report.hand_eye import CALIBRATION, NAME
 from suta_calib.report.listing import Column, Json, Listing, Row, Table, components, plain, shown_as
@@ -115,6 +116,7 @@ def many_eyes_document(calibration: ManyEyesCalibration, data: PosePairs) -> Doc
         f"rms {text(calibration.rms, 'm', with_unit=True)} (3-D), "
         f"{text(calibration.rms_angle, 'rad', with_unit=True)}"
     )
+    lines = [data.lines[row] for row in calibration.rows_in_file(calibration.inliers | True)]
     labels = {
         "eye": [sight.eyes[k] for k in sight.together.eye],
         "target": [sight.targets[k] for k in sight.together.target],
@@ -126,10 +128,14 @@ def many_eyes_document(calibration: ManyEyesCalibration, data: PosePairs) -> Doc
         FITTED.of((*calibration.eyes, *calibration.targets), place="detail"),
         PAIRS.of(_pairs(calibration), place="detail"),
         *fit_texts(fit, "pair", calibration, data.lines),
-        residuals_file(calibration.inliers, {"line": data.lines, **labels}, residuals, turns),
+        residuals_file(
+            *(calibration.inliers, {"line": lines, **labels}, residuals, turns),
+            calibration.numbers,
+        ),
         Figure(lambda: report.many_eyes_plot(calibration)),
     ]
     sides = {"X": calibration.eyes, "Z": calibration.targets}
+    usable = calibration.assessment.usable
     order = [
         f"{side}[{one.name}].{key}"
         for side, poses in sides.items()
@@ -139,14 +145,25 @@ def many_eyes_document(calibration: ManyEyesCalibration, data: PosePairs) -> Doc
     record: Json = {
         "setup": calibration.setup,
         "model": "AX=ZB",
-        **{side: {one.name: one.pose for one in poses} for side, poses in sides.items()},
-        "frames": {name: frames[name] for name in calibration.unknowns},
-        "std": {
-            side: {one.name: pose_std_record(one.std6) for one in poses}
+        **{
+            side: {**{one.name: one.pose for one in poses}, **_nothing(calibration, side)}
             for side, poses in sides.items()
         },
-        "eyes": {one.name: _record(one) for one in calibration.eyes},
-        "targets": {one.name: _record(one) for one in calibration.targets},
+        "frames": {name: frames[name] for name in calibration.unknowns},
+        "std": {
+            side: {
+                **{one.name: pose_std_record(one.std6) for one in poses},
+                **_nothing(calibration, side),
+            }
+            for side, poses in sides.items()
+        },
+        **{
+            part: {
+                **{one.name: {"usable": usable, **_record(one)} for one in sides[side]},
+                **{one.name: _record_of_none(one) for one in _lost(calibration, side)},
+            }
+            for part, side in (("eyes", "X"), ("targets", "Z"))
+        },
         "between_eyes": [
             {
                 "eye": row.name,
@@ -186,6 +203,26 @@ def _record(one: FoundPose) -> Json:
         "rms_mm": plain(one.rms, "m"),
         "rms_deg": plain(one.rms_angle, "rad"),
         "seen_with": list(one.partners),
+    }
+
+
+def _lost(calibration: ManyEyesCalibration, side: str) -> list[NotFound]:
+    """Eyes (side X) or targets (side Z) that were not found."""
+    role = "eye" if side == "X" else "target"
+    return [one for one in calibration.not_found if one.role == role]
+
+
+def _nothing(calibration: ManyEyesCalibration, side: str) -> Json:
+    """No number for them."""
+    return {one.name: None for one in _lost(calibration, side)}
+
+
+def _record_of_none(one: NotFound) -> Json:
+    return {
+        "usable": False,
+        "rows": one.rows,
+        "undetermined": list(one.directions),
+        "because": one.sentence,
     }
 
 

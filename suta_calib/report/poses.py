@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from suta_calib.arrays import BoolArray, FloatArray
+from suta_calib.arrays import BoolArray, FloatArray, IntArray
 from suta_calib.geometry.numbers import quaternion_from_rotation, rpy_from_rotation
 from suta_calib.model.parameters import PLACEMENT
 from suta_calib.report.document import File, Text
@@ -29,9 +29,14 @@ def residuals_file(
     names: Mapping[str, Sequence[str] | Sequence[int]],
     slides: FloatArray,
     turns: FloatArray | None = None,
+    numbers: IntArray | None = None,
 ) -> File:
-    """``residuals.csv``: names, slides (n, 3), m, and turns (n, 3), rad, of every row."""
-    columns = [Column[int]("row", value=int)]
+    """``residuals.csv``: names, slides (n, 3), m, and turns (n, 3), rad, of every row.
+
+    ``numbers`` (n,) of the rows in their file are 0, 1, … by default.
+    """
+    number = int if numbers is None else lambda k: int(numbers[k])
+    columns = [Column[int]("row", value=number)]
     columns += [Column(name, value=cells.__getitem__) for name, cells in names.items()]
     vectors: list[tuple[str, Unit, FloatArray]] = [("", "m", slides)]
     vectors += [] if turns is None else [("r", "rad", turns)]
@@ -54,7 +59,7 @@ def fitted_rows(answer: RobustAnswer, lines: Sequence[int]) -> Json:
         **proven,
         "outliers": list(lost),
         "outlier_lines": [lines[row] for row in lost],
-        "suspects": [int(row) for row in np.flatnonzero(answer.suspects)],
+        "suspects": list(answer.rows_in_file(answer.suspects)),
         "counts": {"rows": count, "inliers": count - len(lost), "outliers": len(lost)},
     }
 

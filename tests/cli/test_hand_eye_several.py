@@ -57,6 +57,27 @@ def test_a_column_of_eyes_alone_has_one_target(tmp_path: Path) -> None:
     assert list(found["Z"]) == ["default"]
 
 
+def test_an_eye_that_cannot_be_determined_has_no_number(tmp_path: Path) -> None:
+    """The second eye looks only while the hand stands: its rows are ten readings of one pose."""
+    data = scene(3, 3, 20, seed=1, sees=np.array([[1, 1, 0], [1, 1, 0], [0, 0, 1]], dtype=bool))
+    numbers = data.numbers.copy()
+    top = np.flatnonzero(data.eye == "top")
+    numbers[top] = numbers[top[0]] + 1e-4 * np.random.default_rng(1).normal(size=(len(top), 14))
+    labels = data.eye.tolist(), data.target.tolist()
+    path = write_csv(tmp_path / "p.csv", (*PAIR, "eye", "target"), numbers, *labels)
+    found = answer("hand-eye", path, "--out", tmp_path / "out")
+    assert found["X"]["top"] is None and found["Z"]["C"] is None
+    assert found["std"]["X"]["top"] is None
+    assert not found["eyes"]["top"]["usable"]
+    assert found["eyes"]["left"]["usable"] and found["eyes"]["right"]["usable"]
+    assert found["eyes"]["top"]["undetermined"]
+    assert "eye top only" in found["targets"]["C"]["because"]
+    assert found["verdict"]["level"] == "care"
+    with (tmp_path / "out" / "residuals.csv").open() as file:
+        rows = [int(row["row"]) for row in csv.DictReader(file)]
+    assert rows == np.flatnonzero(data.eye != "top").tolist()
+
+
 def test_exchanged_eyes_are_bad_input(tmp_path: Path) -> None:
     data = scene(2, 1, 20)
     labels = data.eye.tolist()

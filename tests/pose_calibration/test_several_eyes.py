@@ -109,23 +109,65 @@ def test_parts_that_no_row_joins_are_named() -> None:
     assert found.assessment.usable
 
 
-def test_an_eye_with_motions_about_one_axis_is_named_with_what_it_leaves_open() -> None:
-    """The hand turns about all axes where one eye looks, and about one where the other does."""
+def with_a_flat_eye(of_left: bool = False) -> tuple[Poses, Poses, Scene]:
+    """The hand turns about one axis where the right eye looks; about all where the left does."""
     axis = np.array([0.0, 0.6, 0.8])
     whole = scene(2, 2, 40, seed=2, sees=np.eye(2, dtype=bool), hand=EXACT)
     flat = scene(
         2, 2, 40, seed=2, sees=np.eye(2, dtype=bool), axes=np.array([axis, axis]), hand=EXACT
     )
-    rows = np.where(whole.eye == "right", 80, 0) + np.arange(80)
+    rows = np.where((whole.eye == "right") | of_left, 80, 0) + np.arange(80)
     hand, seen = (
         some_poses((np.concatenate([a[0], b[0]]), np.concatenate([a[1], b[1]])), rows)
         for a, b in ((whole.hand, flat.hand), (whole.seen, flat.seen))
     )
-    with pytest.raises(SamplesError, match="X of eye right") as problem:
+    return hand, seen, whole
+
+
+def test_an_eye_that_stays_open_is_named_and_the_others_keep_their_x() -> None:
+    hand, seen, whole = with_a_flat_eye()
+    found = calibrate_many_eyes(hand, seen, eye=whole.eye, target=whole.target)
+    left = np.flatnonzero(whole.eye == "left")
+    alone = calibrate_many_eyes(*(some_poses(p, left) for p in (hand, seen)), eye=whole.eye[left])
+    assert [eye.name for eye in found.eyes] == ["left"]
+    np.testing.assert_allclose(found.X, alone.X, atol=1e-9)
+    np.testing.assert_allclose(found.eyes[0].std6, alone.eyes[0].std6, rtol=1e-6)
+    assert found.numbers is not None and found.numbers.tolist() == left.tolist()
+    eye, target = found.not_found
+    assert (eye.role, eye.name, eye.rows) == ("eye", "right", 40)
+    assert (target.role, target.name, target.partners) == ("target", "B", ("right",))
+    verdict = found.assessment
+    assert verdict.level == "care"
+    assert "X of eye right could not be determined and is not given" in verdict.notes[0]
+    assert "slide along (0.00, 0.60, 0.80)" in verdict.notes[0]
+    assert "another eye sees too" in verdict.notes[0]
+    assert "Z of target B is not given: it was seen with eye right only" in verdict.notes[1]
+
+
+def test_where_every_eye_stays_open_there_is_no_answer() -> None:
+    hand, seen, whole = with_a_flat_eye(of_left=True)
+    with pytest.raises(SamplesError, match="poses that determine no eye. X of eye left"):
         calibrate_many_eyes(hand, seen, eye=whole.eye, target=whole.target)
-    said = str(problem.value)
-    assert "slide along (0.00, 0.60, 0.80)" in said
-    assert "another eye sees too" in said
+
+
+def test_a_target_of_which_no_row_agrees_has_no_pose() -> None:
+    data = scene(3, 3, 30, seed=4)
+    R, p = data.seen[0].copy(), data.seen[1].copy()
+    some = np.flatnonzero(data.target == "C")
+    kept = np.isin(np.arange(90), some[3:], invert=True)
+    wrong = some[:3]
+    R[wrong] = R[wrong] @ rotation_from_vector(np.array([[1.0, 0, 0], [0, 2.0, 0], [0, 0, 3.0]]))
+    p[wrong] += [[0.2, 0.0, 0.0], [0.0, 0.3, 0.0], [0.0, 0.0, -0.4]]
+    hand, seen = some_poses(data.hand, kept), some_poses((R, p), kept)
+    found = calibrate_many_eyes(hand, seen, eye=data.eye[kept], target=data.target[kept])
+    assert len(found.X) == 3
+    if found.not_found:
+        (lost,) = found.not_found
+        assert (lost.role, lost.name) == ("target", "C")
+        assert "none of its 3 rows agrees" in lost.sentence
+    else:
+        (C,) = (target for target in found.targets if target.name == "C")
+        assert C.inliers < 3
 
 
 def test_an_eye_with_few_motions_is_placed_by_a_target_that_others_know() -> None:
