@@ -66,10 +66,12 @@ def test_an_eye_that_cannot_be_determined_has_no_number(tmp_path: Path) -> None:
     labels = data.eye.tolist(), data.target.tolist()
     path = write_csv(tmp_path / "p.csv", (*PAIR, "eye", "target"), numbers, *labels)
     found = answer("hand-eye", path, "--out", tmp_path / "out")
-    assert found["X"]["top"] is None and found["Z"]["C"] is None
+    assert found["X"]["top"] is None
+    assert found["Z"]["C"] is None
     assert found["std"]["X"]["top"] is None
     assert not found["eyes"]["top"]["usable"]
-    assert found["eyes"]["left"]["usable"] and found["eyes"]["right"]["usable"]
+    assert found["eyes"]["left"]["usable"]
+    assert found["eyes"]["right"]["usable"]
     assert found["eyes"]["top"]["undetermined"]
     assert "eye top only" in found["targets"]["C"]["because"]
     assert found["verdict"]["level"] == "care"
