@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from itertools import combinations
-from typing import Final, Literal
+from typing import Final
 
 import numpy as np
 
@@ -192,7 +192,7 @@ def refuse_exchanged(
     # Part of the rows that a few accidents may be; unless everything is off.
     if lost < 0.1 and start.sigmas[0] < SUSPICIOUS and start.sigmas[1] < TURNED:
         return
-    best: tuple[float, int, Role | Literal[""], int, int] = (0.0, 0, "", 0, 0)
+    best: tuple[float, int, Role | None, int, int] = (0.0, 0, None, 0, 0)
     for late, half in enumerate(np.array_split(np.arange(count), 2)):
         X, Z = poses_by(A, B, together, half)
         errors = loop_errors(A, B, X, Z, together)
@@ -205,11 +205,12 @@ def refuse_exchanged(
                 sums = np.cumsum([0.0, *(_squared(errors, units) - _squared(other, units))])
                 total = sums if late else sums[-1] - sums
                 row = int(np.argmax(total))
-                best = max(best, (float(total[row]), row, role, a, b))
-    _, row, role, a, b = best
-    if not role:
+                if total[row] > best[0]:
+                    best = float(total[row]), row, role, a, b
+    _, row, what, a, b = best
+    if what is None:
         return
-    read = _exchanged(together, role, a, b, np.arange(row, count))
+    read = _exchanged(together, what, a, b, np.arange(row, count))
     again = first_consensus(A, B, read, seed)
     agree = np.sum((again.sigmas / np.maximum(start.sigmas, 1e-300)) ** 2) < 2.0 * 1.5**2
     better = (
@@ -217,16 +218,16 @@ def refuse_exchanged(
     )
     # Rows of the two before and after it, below which it is an accident.
     few = 3
-    moved = _swapped(together, role, a, b)
+    moved = _swapped(together, what, a, b)
     if agree and better and min(int(moved[:row].sum()), int(moved[row:].sum())) >= few:
-        names = sight.eyes if role == "eye" else sight.targets
+        names = sight.eyes if what == "eye" else sight.targets
         row = row if numbers is None else int(numbers[row])
         raise SamplesError(
-            f"rows that agree only if {role}s {names[a]} and {names[b]} are exchanged from row "
+            f"rows that agree only if {what}s {names[a]} and {names[b]} are exchanged from row "
             f"{row} on (rows from 0): {int(start.inliers.sum())} of {count} rows agree within "
             f"{deg(start.sigmas[1]):.2f}° per axis as they are, and {int(again.inliers.sum())} "
             f"within {deg(again.sigmas[1]):.2f}° then",
-            f"labels that mean the same {role} in all rows",
+            f"labels that mean the same {what} in all rows",
             hint=f"exchange the labels {names[a]} and {names[b]} from row {row} on, or before it, "
             "and find out when cables, ports or names were exchanged",
         )
