@@ -26,6 +26,9 @@ from suta_calib.errors import OutputError
 PREFIX: Final = ".suta-calib-"
 SUFFIX: Final = ".tmp"
 JOURNAL: Final = "journal.json"
+# How long another process may take to exchange files of the same folder, s: a few files take
+# milliseconds, a slow network drive seconds.
+_PATIENCE_S: Final = 5.0
 # What was read so far, as it was named, for whoever asks (`inputs_listed`).
 _listed: ContextVar[dict[Path, None] | None] = ContextVar("listed", default=None)
 # Real paths: of what the running command has read (None outside of one), and of what it edits.
@@ -260,9 +263,7 @@ def _alone_in(folder: Path) -> Iterator[bool]:
         yield False
         return
     try:
-        # How long another process may take to exchange files of the same folder, s: a few files
-        # take milliseconds, a slow network drive seconds.
-        end, alone = time.monotonic() + 5.0, False
+        end, alone = time.monotonic() + _PATIENCE_S, False
         while not alone and time.monotonic() < end:
             try:
                 fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)

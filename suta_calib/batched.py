@@ -20,6 +20,10 @@ import numpy as np
 
 from suta_calib.arrays import FloatArray
 
+# Rows that are computed at once: enough that Python's part is small, and few enough that all their
+# columns stay in a core's cache.
+HEIGHT: Final = 2048
+
 # Where a number is: what of, and its place there.
 Place = tuple[str, int, int]
 
@@ -154,9 +158,7 @@ class Elementwise:
     ) -> None:
         count = len(outputs[0])
         # Parts of equal height, so that the last one does not compute rows that are not there.
-        # Rows that are computed at once: enough that Python's part is small, and few enough that
-        # all their columns stay in a core's cache.
-        self._height = -(-count // -(-count // 2048))
+        self._height = -(-count // -(-count // HEIGHT))
         of_row = [np.zeros((a.shape[1] if a.ndim == 2 else 0, self._height)) for a in inputs]
         answers = [np.zeros((a.shape[1], self._height)) for a in outputs]
         shared = np.zeros((rule.shared_places, 1))

@@ -53,6 +53,8 @@ from suta_calib.units import text
 
 # Chance that right beliefs are contradicted.
 LEVEL: Final = 0.01
+# Rows of a cluster from which on its squares are summed by themselves.
+MANY_EACH: Final = 8
 
 
 @dataclass(frozen=True)
@@ -154,8 +156,7 @@ def freedom_of(solution: Solution, at: IntArray) -> float:
             n, size = rows.line.residual.shape
             gain = robust_jacobian(rows)[:, free].reshape(n, size, -1)
             cluster = term.clusters[block.samples[:, 0]]
-            # Rows of a cluster from which on its squares are summed by themselves.
-            if n < 8 * len(by_cluster):
+            if n < MANY_EACH * len(by_cluster):
                 np.add.at(by_cluster, cluster, np.einsum("ndp,ndq->npq", gain, gain))
                 continue
             # The squares of single rows would take more room than all rows do.

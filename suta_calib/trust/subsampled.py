@@ -16,6 +16,9 @@ from suta_calib.terms.term import Term
 # Samples of one term that show what its residuals look like: a cause that needs more of them to
 # stand out is smaller than what it is mistaken for.
 MOST_SAMPLES: Final = 5_000
+# Corners by which a picture tells where its board is nearly as well as by a thousand: what else is
+# wrong with it, they share.
+ENOUGH_CORNERS: Final = 12
 
 
 def thinned(solution: Solution) -> Solution:
@@ -57,9 +60,7 @@ def _of_fewer_corners(term: Term) -> Term:
     samples = term.poses.samples
     if samples.pixels is None:
         return term
-    # Corners by which a picture tells where its board is nearly as well as by a thousand: what else
-    # is wrong with it, they share.
-    most = max(12, MOST_SAMPLES // len(samples))
+    most = max(ENOUGH_CORNERS, MOST_SAMPLES // len(samples))
     order = np.random.default_rng(0).permutation(samples.pixels.shape[1])
     detected = np.isfinite(samples.pixels[:, order]).all(axis=2)
     left_out = np.cumsum(detected, axis=1) > most
