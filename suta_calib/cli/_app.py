@@ -52,6 +52,7 @@ COMMANDS: Final = {
     "tip-map": "Show the uncertainty of the tip in the workspace.",
     "residual-map": "Correct what the calibration leaves, where left-out data prove it.",
     "zero-offsets": "Find encoder offsets from known poses of the tip.",
+    "motors": "Find which motor moves which joint, from touches of a sheet.",
     "repeatability": "Measure the repeatability of an arm and its encoder noise.",
     "iso10360": "Acceptance test of a measuring arm by ISO 10360-12.",
     "import": "Convert recordings, tables and robots of other programs.",

@@ -6,7 +6,7 @@ import re
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 import yaml
 
@@ -34,6 +34,7 @@ from suta_calib.measurements.fields import (
 )
 from suta_calib.measurements.samples import STROKE
 from suta_calib.measurements.yaml_file import YamlSection, read_yaml, shown
+from suta_calib.measurements.yaml_text import yaml_text
 
 _DEFAULT_BAUDRATE: Final = 921600
 DEVICE_KEYS: Final = Fields(
@@ -131,6 +132,30 @@ def read_device(path: str | Path) -> DeviceSpec:
         joints=joints,
         extra_columns=_extra_columns(top, form, [joint.name for joint in joints]),
     )
+
+
+def device_text(device: DeviceSpec, comment: str) -> str:
+    """``device.yaml`` of a device, with a comment above it."""
+    joints, unstated = list[dict[str, Any]](), JointSpec("")
+    for joint in device.joints:
+        # Signs always stand there, to be seen and changed.
+        keys: dict[str, Any] = {"name": joint.name, "id": joint.number, "sign": joint.sign}
+        for key in ("zero", "ratio", "counts_per_turn"):
+            number = getattr(joint, key)
+            if number != getattr(unstated, key):
+                keys[key] = int(number) if number == int(number) else number
+        joints.append({key: of for key, of in keys.items() if of is not None})
+    document: dict[str, Any] = {
+        "port": device.port,
+        "baudrate": device.baudrate,
+        "format": device.format,
+        "unit": device.unit,
+        "counts_per_turn": device.counts_per_turn,
+        "joints": joints,
+    }
+    if device.extra_columns:
+        document["extra_columns"] = list(device.extra_columns)
+    return yaml_text(document, comment)
 
 
 def glance(path: Path) -> DeviceSpec | None:

@@ -11,6 +11,7 @@ from typing import Final, Literal
 import numpy as np
 
 from suta_calib.arrays import FloatArray
+from suta_calib.device.device_file import device_text
 from suta_calib.display import Displayable
 from suta_calib.emulation.accelerometer import COLUMNS, accelerometer
 from suta_calib.emulation.by_hand import HandSweep, swept_by_hand
@@ -27,7 +28,7 @@ from suta_calib.emulation.script import (
     read_script,
     stops,
 )
-from suta_calib.emulation.stream import Emulation, device_of, device_text
+from suta_calib.emulation.stream import EMULATED, Emulation, device_of
 from suta_calib.emulation.terminal import PseudoTerminal
 from suta_calib.emulation.trajectories import parse_posture, pivoting, posture_of, recorded, sweep
 from suta_calib.emulation.truth import (
@@ -217,7 +218,7 @@ class EmulatedDevice(Displayable):
         with PseudoTerminal(options.link) as terminal:
             if options.device_out is not None:
                 device = replace(emulation.device, port=str(Path(terminal.port).absolute()))
-                write_text(options.device_out, device_text(device))
+                write_text(options.device_out, device_text(device, EMULATED))
             if options.truth_out is not None:
                 truth = truth_text(arm, values, emulation.seed, self.plan, emulation.motion)
                 write_text(options.truth_out, truth)

@@ -21,8 +21,9 @@ from queue import Empty, Queue
 from typing import Any, Self
 
 from suta_calib.device.description import DeviceSpec
+from suta_calib.device.device_file import device_text
 from suta_calib.emulation.player import Played, Player, TrueTrajectory
-from suta_calib.emulation.stream import Emulation, device_text
+from suta_calib.emulation.stream import EMULATED, Emulation
 from suta_calib.emulation.terminal import PseudoTerminal
 from suta_calib.errors import SutaCalibError
 from suta_calib.measurements import write_text
@@ -107,7 +108,7 @@ class EmulatedArm:
 
     def write_device(self, path: Path) -> Path:
         """Write the ``device.yaml`` of this arm; returns its path."""
-        write_text(path, device_text(self.device))
+        write_text(path, device_text(self.device, EMULATED))
         return path
 
     def stop(self) -> None:

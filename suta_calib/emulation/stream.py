@@ -22,7 +22,6 @@ from suta_calib.display import Displayable
 from suta_calib.emulation.faults import Damage, Faults, Flag
 from suta_calib.emulation.motion import ExtraNumbers, Motion
 from suta_calib.errors import InputError
-from suta_calib.measurements.yaml_text import yaml_text
 
 if TYPE_CHECKING:
     from suta_calib.model.arm import ArmModel
@@ -32,6 +31,10 @@ if TYPE_CHECKING:
 STALE_AFTER: Final = 0.03
 STALE_AGE: Final = 5.0
 STALE_TURN: Final = 0.3
+
+
+# What device.yaml says of such a device.
+EMULATED: Final = "An emulated arm: there is no hardware behind this port."
 
 
 def device_of(
@@ -80,21 +83,6 @@ def device_of(
     joints = tuple(map(JointSpec, arm.joints, chosen))
     extra = tuple(extra_columns)
     return DeviceSpec(Path("device.yaml"), "", baudrate, form, unit, counts_per_turn, joints, extra)
-
-
-def device_text(device: DeviceSpec) -> str:
-    """``device.yaml`` of a device."""
-    document: dict[str, Any] = {
-        "port": device.port,
-        "baudrate": device.baudrate,
-        "format": device.format,
-        "unit": device.unit,
-        "counts_per_turn": device.counts_per_turn,
-        "joints": [{"name": joint.name, "sign": joint.sign} for joint in device.joints],
-    }
-    if device.extra_columns:
-        document["extra_columns"] = list(device.extra_columns)
-    return yaml_text(document, "An emulated arm: there is no hardware behind this port.")
 
 
 @dataclass(frozen=True, eq=False)

@@ -22,7 +22,7 @@ from suta_calib.exchange.reader import TABLE, beginning, recognised
 
 _JOB: Final = (
     *("calibrate", "observe", "study", "extend", "budget", "view", "validate", "outliers"),
-    *("measure", "plan", "tip-map", "residual-map", "repeatability", "iso10360"),
+    *("measure", "motors", "plan", "tip-map", "residual-map", "repeatability", "iso10360"),
 )
 _URDF: Final = (
     *("init", "validate", "emulate", "track", "monitor", "measure", "zero-offsets"),

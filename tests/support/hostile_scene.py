@@ -19,6 +19,7 @@ from torso_robot import write_torso_job
 
 from suta_calib.job import CalibrationJob
 from suta_calib.measurements import Samples, write_samples
+from suta_calib.measurements.artefact import Artefact, Landmark, write_artefact
 from suta_calib.model.arm import ArmModel
 from suta_calib.report import calibration_document
 from suta_calib.report.files import write_document
@@ -43,6 +44,11 @@ TOUCHED = """\
 arm: {urdf: arm.urdf, tip: tip}
 parameters: [{select: ["joint_*.offset"], bound_deg: 15}]
 observations: [{kind: pairwise_distance, artefact: artefact.yaml, samples: touched.csv}]
+"""
+CROSSES = """\
+arm: {urdf: arm.urdf, tip: tip}
+parameters: [{select: ["joint_*.offset"], bound_deg: 15}]
+observations: [{kind: landmark, artefact: block.yaml, samples: crosses.csv}]
 """
 ACCEPTANCE = "arm: {urdf: arm.urdf, tip: tip}\nrepeatability: {samples: visits.csv}\n"
 SIMULATION = """\
@@ -135,6 +141,12 @@ GIVEN = {
         "--out",
         out_is_file=True,
     ),
+    "motors": Given(
+        ("crosses.yaml", "--device", "device.yaml"),
+        ("crosses.yaml", URDF, "block.yaml", "device.yaml", "crosses.csv"),
+        "--out",
+        out_is_file=True,
+    ),
     "repeatability": Given(("visits.csv", "--urdf", *_OF_ARM), (URDF, "visits.csv"), "--out"),
     "import": Given(
         ("foreign.tsv",), ("foreign.tsv",), "--out", out_is_file=True, welcome=("UTF-16",)
@@ -158,6 +170,7 @@ def write_scene(folder: Path, urdf: Path) -> Path:
         ("device.yaml", DEVICE),
         ("artefact.yaml", ARTEFACT),
         ("touched.yaml", TOUCHED),
+        ("crosses.yaml", CROSSES),
         ("iso.yaml", ACCEPTANCE),
         ("simulation.yaml", SIMULATION),
     ):
@@ -165,11 +178,17 @@ def write_scene(folder: Path, urdf: Path) -> Path:
     q = 0.5 + 1e-4 * random.standard_normal((10, len(arm.joints)))
     visits = Samples.from_arrays(arm.joints, q, labels={"point": ["F1"] * len(q)})
     write_samples(folder / "visits.csv", visits)
-    turned = random.uniform(-0.8, 0.8, (6, len(arm.joints)))
-    known = Samples.from_arrays(arm.joints, turned - 0.01, position=arm.forward(turned)[1])
+    turned = random.uniform(-0.8, 0.8, (12, len(arm.joints)))
+    known = Samples.from_arrays(arm.joints, turned[:6] - 0.01, position=arm.forward(turned[:6])[1])
     write_samples(folder / "known.csv", known)
     labels = {"placement": ["P1"] * 3, "repeat": ["1"] * 3, "landmark": list("ABC")}
     write_samples(folder / "touched.csv", Samples.from_arrays(arm.joints, q[:3], labels=labels))
+    marks = {
+        f"M{k}": Landmark(f"M{k}", at, None, 1e-5) for k, at in enumerate(arm.forward(turned)[1])
+    }
+    write_artefact(folder / "block.yaml", Artefact("block", marks))
+    labels = {"placement": ["P1"] * 12, "repeat": ["1"] * 12, "landmark": [*marks]}
+    write_samples(folder / "crosses.csv", Samples.from_arrays(arm.joints, turned, labels=labels))
     write_csv(folder / "pivot.csv", POSE, pivot_numbers(["left"] * 40))
     poses = pivot_numbers(["left"] * 40)
     np.savetxt(folder / "foreign.tsv", poses, delimiter="\t", header="\t".join(POSE), comments="")
