@@ -51,7 +51,6 @@ def common_covariance(
     rests: IntArray,
     sizes: Sequence[int],
     frames: Sequence[FloatArray] = (),
-    whole: bool = False,
 ) -> FloatArray:
     """Covariance (p, p) of an estimate beyond that of rows that err independently.
 
@@ -68,31 +67,19 @@ def common_covariance(
             turns may be alike where its places scatter.
         frames: of each group, if given, the rotations (n, size, size) into another frame in which
             they may be alike instead: a hand errs alike in the base's frame, an eye in its own.
-        whole: for all of it instead. What rows of a rest share may make an estimate better, too:
-            two eyes on a hand are known to each other better than to the hand.
     """
     if not len(bread):
         return np.zeros_like(bread)
     expected, white = np.zeros_like(bread), np.zeros_like(bread)
-    pulls = list[FloatArray]()
     ends = np.cumsum(sizes)
     for k, (size, end) in enumerate(zip(sizes, ends.tolist(), strict=True)):
         part, turn = slice(end - size, end), frames[k] if frames else None
         group = jacobian[:, part], residual[:, part], weight[part]
-        mine = _variances(*group, turn, neighbourhoods, order, rests, whole)
+        mine = _variances(*group, turn, neighbourhoods, order, rests)
         if mine is not None:
             expected += mine[0]
             white += mine[1]
-            pulls.append(mine[2])
-    if not whole:
-        return bread @ _positive(expected - white, white) @ bread
-    # What one eye sees is displaced and turned at once, and so is the hand that they share.
-    shared, single = sum(pulls, np.zeros_like(pulls[0]))
-    expected += single.T @ single
-    # Rests from which on they tell how displacements and turns of a hand go together.
-    if len(shared) >= 30:
-        expected += shared.T @ shared - sum(p[0].T @ p[0] for p in pulls)
-    return bread @ _positive(expected, white) @ bread
+    return bread @ _positive(expected - white, white) @ bread
 
 
 def _variances(
@@ -103,12 +90,8 @@ def _variances(
     neighbourhoods: Sequence[FloatArray],
     order: IntArray,
     rests: IntArray,
-    several: bool,
-) -> tuple[FloatArray, FloatArray, FloatArray] | None:
-    """Variance (p, p) of one group's pull, and of independent rows'; None where nothing is left.
-
-    And pulls (2, rests, p) of what rows of one rest share, and of what they do not.
-    """
+) -> tuple[FloatArray, FloatArray] | None:
+    """Variance (p, p) of one group's pull, and of independent rows'; None where nothing is left."""
     n, size, unknowns = jacobian.shape
     count = np.bincount(rests).astype(float)
     groups = len(count)
@@ -124,18 +107,9 @@ def _variances(
 
     views = [view(residual, jacobian)]
     if turn is not None:
-        turned = _turned(turn, residual), _turned(turn, jacobian)
-        views.append(view(*turned))
-        # Rows of several eyes at one rest have nothing in common in the frames of the eyes.
-        if several:
-            views, (residual, jacobian) = views[1:], turned
-    mean, slope, _ = views[0]
-    # What rows of a rest do not share: nothing of one eye, all that places two eyes to each other.
-    not_shared = jacobian - slope[rests]
-    told_apart = _rank(not_shared) if several else 0
-    followed = _rank(slope if several else jacobian)
-    inside = float(np.sum((residual - mean[rests]) ** 2))
-    inside /= max(size * (n - groups) - told_apart, 1)
+        views.append(view(_turned(turn, residual), _turned(turn, jacobian)))
+    mean, followed = views[0][0], _rank(jacobian)
+    inside = float(np.sum((residual - mean[rests]) ** 2)) / max(size * (n - groups), 1)
     between = float(np.sum(mean**2)) / max(size * groups - followed, 1)
     if between == 0.0:
         return None
@@ -164,7 +138,7 @@ def _variances(
 
     alone, by_itself = of_pulls(single[:, None] * pulls), of_pulls(pulls)
     likelihoods, variances = list[FloatArray](), list[FloatArray]()
-    for prior, shape, parts in _kernels(spaces, series, groups):
+    for prior, shape, parts in kernels(spaces, series, groups):
         part = np.array(parts)[:, None, None]
         kernel = (1.0 - part) * np.eye(len(sampled)) + part * shape[np.ix_(sampled, sampled)]
         log_likelihood, scale = _restricted(
@@ -181,19 +155,7 @@ def _variances(
         return None
     belief = np.exp(likelihood - likelihood.max())
     expected = np.tensordot(belief / belief.sum(), np.concatenate(variances), axes=1)
-    numbers = np.array([size * groups, size * (n - groups)])
-    spread = np.sqrt(numbers / np.maximum(numbers - [followed, told_apart], 1))
-    scores = np.einsum("ndp,nd->np", not_shared * weight[:, None], residual)
-    of_means = np.einsum("ndp,nd->np", views[0][2], mean)
-    pulls_of_rests = np.stack([of_means, summed(scores, rests, groups)])
-    return expected, white, spread[:, None, None] * pulls_of_rests
-
-
-def several_frames(frames: FloatArray, rests: IntArray) -> bool:
-    """Whether rows of one rest (n,) are in different frames (n, 3, 3), as those of two eyes."""
-    first = np.unique(rests, return_index=True)[1]
-    # Difference between two rotation matrices of one frame that is read twice.
-    return bool(np.abs(frames - frames[first][rests]).max(initial=0.0) > 0.1)
+    return expected, white
 
 
 def _turned(rotation: FloatArray, rows: FloatArray) -> FloatArray:
@@ -216,7 +178,7 @@ def embedded(rotation: FloatArray, position: FloatArray) -> FloatArray:
     return np.hstack([position, rotation.reshape(-1, 9) / np.sqrt(2.0)])
 
 
-def _kernels(
+def kernels(
     spaces: Sequence[FloatArray], series: FloatArray | None, count: int
 ) -> Iterator[tuple[float, FloatArray, Sequence[float]]]:
     """What neighbours may share (count, count), by which parts, and how probable each part is."""

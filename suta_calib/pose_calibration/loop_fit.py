@@ -30,6 +30,7 @@ from suta_calib.pose_calibration.inputs import checked_poses, error_context
 from suta_calib.pose_calibration.loop_start import FEW_PAIRS, NEEDED, first_consensus
 from suta_calib.pose_calibration.robot_noise import RobotNoise, noise_made_directions
 from suta_calib.pose_calibration.robust_fit import MOST_ROWS, ROUNDING, RobustFit, robust_fit
+from suta_calib.pose_calibration.shared_hand import share_hand
 from suta_calib.pose_calibration.sight import Sight
 from suta_calib.pose_calibration.undetermined import (
     NotFound,
@@ -37,6 +38,7 @@ from suta_calib.pose_calibration.undetermined import (
     refuse_undetermined,
     undetermined_directions,
 )
+from suta_calib.solver.solution import Solution
 from suta_calib.terms.hand_eye_start import EyeSetup, Poses, as_eye_in_hand, some_poses
 from suta_calib.terms.many_eyes_start import SeenTogether, loop_errors
 from suta_calib.terms.poses import together
@@ -78,6 +80,7 @@ class LoopFit:
 
     Attributes:
         fit: in units of `length`.
+        solution: the same; where eyes share the hand's errors, of its poses less these.
         length: m per unit.
         X, Z: of every eye and of every target, m.
         covariance: of displacements (m, outer axes) and small turns (rad, own axes) of all X, then
@@ -92,9 +95,11 @@ class LoopFit:
         sight: which eye saw which target, of those that were found.
         numbers: (n,) of the pairs in their file, from 0: those of what was found.
         not_found: eyes and targets whose pose the pairs do not give.
+        noise: (1 + eyes, 2) of the hand and of each eye, m and rad; None where it is not known.
     """
 
     fit: RobustFit
+    solution: Solution
     length: float
     X: Poses
     Z: Poses
@@ -110,6 +115,7 @@ class LoopFit:
     sight: Sight
     numbers: IntArray
     not_found: tuple[NotFound, ...] = ()
+    noise: FloatArray | None = None
 
     @property
     def attributes(self) -> dict[str, Any]:
@@ -123,7 +129,7 @@ class LoopFit:
             "axes": self.axes,
             "robot_noise_fraction": self.robot_noise_fraction,
             "copies": self.copies,
-            "solution": self.fit.solution,
+            "solution": self.solution,
             "length": self.length,
             "unjudged": self.failed,
             "examination": self.examination,
@@ -165,11 +171,11 @@ def fit_loops(
     length, centre, scaled, target = _in_units(A, B)
     few = len(A[1]) < FEW_PAIRS
     chosen = seed if robust and not few else None
+    _refuse_misread(A, B, sight, setup, chosen, rule)
     start = first_consensus(scaled, target, sight.together, chosen)
     if not sight.one:
         refuse_exchanged(start, scaled, target, sight, chosen, numbers)
         refuse_apart(start)
-    _refuse_misread(scaled, target, sight, length, setup, chosen, rule)
     noise = RobotNoise(scaled, target, FINEST_TURN, sight.labels)
     # In units of the extent few positions are taken to scatter by this at least.
     floors = (5e-4 if few else 0.0, FINEST_TURN)
@@ -197,7 +203,9 @@ def fit_loops(
         )
         return replace(again, not_found=(*lost, *again.not_found))
     failed = list[str]()
-    answer = fit.examined(length, "pairs", sight.called(setup), numbers, sight.seen_by)
+    shared = share_hand(fit, noise, -centre / length, floors) if eyes > 1 else None
+    alike = 1.0 if shared is None else shared.rows_alike
+    answer = fit.examined(length, "pairs", sight.called(setup), numbers, sight.seen_by, alike)
     weighed = weigh(answer, failed)
     far = next((f for f in weighed if f.hypothesis.name == DepthScale.name), None)
     explained: tuple[FloatArray, ...] = ()
@@ -206,18 +214,25 @@ def fit_loops(
         change = far.evidence.explained(answer.plain_fit).reshape(len(fit.sigmas), -1, 3)
         explained = tuple(-s * part for s, part in zip(fit.sigmas, change, strict=True))
         followed = fit.followed(far.evidence)
-    poses = fit.solution.x.reshape(-1, 6)
+    if shared is not None and explained:
+        explained_rows = zip(explained, noise.relative[fit.inliers].T[..., None], strict=True)
+        measured = [part * relative for part, relative in explained_rows]
+        shared = share_hand(fit, noise, -centre / length, floors, measured)
+    solution = fit.solution if shared is None else shared.solution
+    spread = fit.spread(explained) if shared is None else shared.covariance
+    poses = solution.x.reshape(-1, 6)
     rotations, places = rotation_from_vector(poses[:, 3:]), poses[:, :3] * length
     X = rotations[:eyes], places[:eyes]
     Z = rotations[eyes:], places[eyes:] + centre
     slid, turned = loop_errors(A, B, X, Z, sight.together)
-    jacobian = tangent_of_poses(fit.solution.x, length)
+    jacobian = tangent_of_poses(solution.x, length)
     return LoopFit(
         fit=fit,
+        solution=solution,
         length=length,
         X=X,
         Z=Z,
-        covariance=jacobian @ (fit.spread(explained) + followed) @ jacobian.T,
+        covariance=jacobian @ (spread + followed) @ jacobian.T,
         slid=slid,
         turned=turned,
         axes=vector_from_rotation(np.swapaxes(A[0][1:], 1, 2) @ A[0][:-1]),
@@ -228,6 +243,7 @@ def fit_loops(
         failed=tuple(failed),
         sight=sight,
         numbers=numbers,
+        noise=None if shared is None else shared.noise * [length, 1.0],
     )
 
 
@@ -267,25 +283,23 @@ def _refuse_constant(hand: Poses, seen: Poses, sight: Sight) -> None:
 
 
 def _refuse_misread(
-    A: Poses,
-    B: Poses,
-    sight: Sight,
-    length: float,
-    setup: EyeSetup,
-    seed: int | None,
-    rule: Rule,
+    hand: Poses, seen: Poses, sight: Sight, setup: EyeSetup, seed: int | None, rule: Rule
 ) -> None:
-    """`refuse_misread` of the eye and the target that were seen together most often."""
-    _, _, rows = next(sight.together.edges)
-    A, B = some_poses(A, rows), some_poses(B, rows)
+    """`refuse_misread` of every eye, by the target that it saw most often."""
 
     def start(A: Poses, B: Poses) -> Consensus:
         none = np.zeros(len(A[1]), dtype=np.intp)
         return first_consensus(A, B, SeenTogether(none, none, 1, 1), seed)
 
-    if len(rows) >= NEEDED:
-        other = next(name for name in get_args(EyeSetup) if name != setup)
-        refuse_misread(start(A, B), A, B, length, other, start, rule)
+    other = next(name for name in get_args(EyeSetup) if name != setup)
+    asked = set[int]()
+    for eye, _, rows in sight.together.edges:
+        if eye in asked or len(rows) < NEEDED:
+            continue
+        asked.add(eye)
+        length, _, A, B = _in_units(some_poses(hand, rows), some_poses(seen, rows))
+        with error_context(where="" if len(sight.eyes) == 1 else f"eye {sight.eyes[eye]}"):
+            refuse_misread(start(A, B), A, B, length, other, start, rule)
 
 
 def _not_found(

@@ -43,6 +43,8 @@ class FoundPose(PoseAccuracy):
         inliers: how many of them were fitted.
         rms, rms_angle: of these against the answer, m and rad.
         partners: names of the targets that the eye saw, or of the eyes that saw the target.
+        noise: scatter of one component of what an eye sees, m and rad; None of a target, and where
+            it cannot be told from the hand's.
     """
 
     name: str
@@ -53,6 +55,7 @@ class FoundPose(PoseAccuracy):
     rms: float
     rms_angle: float
     partners: tuple[str, ...]
+    noise: tuple[float, float] | None = None
 
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
@@ -67,12 +70,15 @@ class ManyEyesCalibration(LoopAnswer):
             then of all Z.
         not_found: eyes and targets whose pose the rows do not give: they are neither in `sight`
             nor are their rows among those of the answer, which have their `numbers`.
+        noise: of the hand, then of every eye, (1 + eyes, 2), m and rad: scatter of one component.
+            None where no rest of the hand has rows of two eyes.
     """
 
     sight: Sight
     X: FloatArray
     Z: FloatArray
     not_found: tuple[NotFound, ...] = ()
+    noise: FloatArray | None = None
 
     @property
     def in_a_line(self) -> str:
@@ -127,7 +133,14 @@ class ManyEyesCalibration(LoopAnswer):
             rms_length(self.residuals[good]),
             rms_length(self.rotation_residuals[good]),
             tuple(names[k] for k in np.unique(partners[good]).tolist()),
+            self._noise_of(place),
         )
+
+    def _noise_of(self, eye: int) -> tuple[float, float] | None:
+        if self.noise is None or eye >= len(self.X):
+            return None
+        place, turn = self.noise[1 + eye].tolist()
+        return place, turn
 
     def relative(self, first: str, second: str) -> tuple[FloatArray, FloatArray]:
         """``T_first_second`` (4, 4) of two eyes, m, and its standard deviations (6,), m and rad.
@@ -274,6 +287,7 @@ def calibrate_many_eyes(
     return ManyEyesCalibration(
         sight=fitted.sight,
         not_found=fitted.not_found,
+        noise=fitted.noise,
         X=np.array([homogeneous(*pose) for pose in zip(*fitted.X, strict=True)]),
         Z=np.array([homogeneous(*pose) for pose in zip(*fitted.Z, strict=True)]),
         setup=setup,

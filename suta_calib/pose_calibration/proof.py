@@ -24,6 +24,7 @@ from suta_calib.arrays import FloatArray, IntArray
 from suta_calib.assessment import attempt
 from suta_calib.geometry.numbers import rotation_from_vector, skew, vector_from_rotation
 from suta_calib.pose_calibration.optimality import Optimality
+from suta_calib.pose_calibration.robot_noise import PairedHandEye
 from suta_calib.pose_calibration.robust_answer import RobustAnswer
 from suta_calib.pose_calibration.rotation_bound import (
     ROUNDING,
@@ -163,13 +164,16 @@ def loop_rows(solution: Solution, term: HandEye) -> Iterator[FloatArray]:
     assert samples.rotation is not None
     assert samples.position is not None
     B = samples.rotation, samples.position
-    lever = term.robot_noise_fraction * (B[1] + np.einsum("nji,nj->ni", R[eye], p[eye]))
+    lever = term.fractions[:, None] * (B[1] + np.einsum("nji,nj->ni", R[eye], p[eye]))
     lever += np.array(term.lever_in_eye) + B[0] @ term.lever_in_target
     y = np.concatenate([p.reshape(-1), stacked_turns(R)])
     for first in range(0, len(eye), PORTION):
         rows = slice(first, first + PORTION)
         pairs = (A[0][rows], A[1][rows]), (B[0][rows], B[1][rows])
         parts = _linear(*pairs, (R, p), eye[rows], target[rows], lever[rows])
+        if isinstance(term, PairedHandEye) and term.relative is not None:
+            relative = term.relative[rows].T[..., None, None]
+            parts = [part / noise for part, noise in zip(parts, relative, strict=True)]
         yield _weighed(parts, y, solution, term)
 
 

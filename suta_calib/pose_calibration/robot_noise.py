@@ -15,24 +15,32 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Final
+from typing import Final, Self
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from suta_calib.arrays import BoolArray, FloatArray, IntArray
 from suta_calib.geometry.numbers import rotation_from_vector, skew, tangent_of_poses
+from suta_calib.geometry.symbols import Symbol
 from suta_calib.measurements.samples import Samples
 from suta_calib.model.parameters import Parameter
-from suta_calib.pose_calibration.consensus import Consensus, some_rows
-from suta_calib.pose_calibration.robust_fit import ROUNDING, RobustFit, parts_of, robust_fit
+from suta_calib.pose_calibration.consensus import DIMENSION, Consensus, some_rows
+from suta_calib.pose_calibration.robust_fit import (
+    ROUNDING,
+    RobustFit,
+    parts_of,
+    robust_fit,
+    scatter,
+)
 from suta_calib.solver.compiled_residual import term_residuals
 from suta_calib.solver.information import scaled_inverse, whitened_rows
-from suta_calib.terms.block import Noise
+from suta_calib.terms.block import Block, Noise, Pose
 from suta_calib.terms.external_frame import pose_parameters
-from suta_calib.terms.hand_eye import HandEye, Owners
+from suta_calib.terms.hand_eye import HandEye, Owners, target_position, target_rotation
 from suta_calib.terms.hand_eye_start import Poses
 from suta_calib.terms.poses import MeasuredPoses, PoseSource
+from suta_calib.terms.term import Term
 
 # Before the data are asked: anything from none to all.
 EXPECTED: Final = 0.5
@@ -168,6 +176,14 @@ def _ridge(columns: FloatArray, y: FloatArray, size: float) -> tuple[float, Floa
     return float(likelihood), beta, float(root[0] * np.sqrt(spread[0, 0]))
 
 
+def _position(poses: Sequence[Pose], unknowns: Symbol, data: Symbol) -> Symbol:
+    return target_position(poses, unknowns, data[:-1]) / data[-1]
+
+
+def _rotation(poses: Sequence[Pose], unknowns: Symbol, data: Symbol) -> Symbol:
+    return target_rotation(poses, unknowns, data[:-1]) / data[-1]
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class PairedHandEye(HandEye):
     """`HandEye` of which nothing is held because it is known badly: only what is singular.
@@ -175,9 +191,41 @@ class PairedHandEye(HandEye):
     Attributes:
         every: owners of all eyes and of all targets, which it has whatever its rows look at; those
             of the rows where they are left out.
+        relative: (n, 2) noise of each pair's displacement and turn over what they typically have.
     """
 
     every: tuple[Sequence[str], Sequence[str]] | None = None
+    relative: FloatArray | None = None
+
+    @property
+    def fractions(self) -> FloatArray:
+        """Of each pair: where the eye's turns are noisier, the hand's are a smaller part of all."""
+        fractions = super().fractions
+        if self.relative is None:
+            return fractions
+        return np.asarray(np.minimum(fractions / self.relative[:, 1] ** 2, 1.0))
+
+    @cached_property
+    def blocks(self) -> tuple[Block, ...]:
+        """Positions and rotations of the target in the eye, over the noise of the eye."""
+        if self.relative is None:
+            return super().blocks
+        return tuple(
+            replace(
+                block,
+                residual=residual,
+                data=np.column_stack([block.data, relative]),
+                relative=np.repeat(relative[:, None], DIMENSION, axis=1),
+            )
+            for block, residual, relative in zip(
+                super().blocks, (_position, _rotation), self.relative.T, strict=True
+            )
+        )
+
+    def take(self, rows: ArrayLike) -> Self:
+        """The term over some of its samples."""
+        relative = None if self.relative is None else self.relative[np.asarray(rows)]
+        return replace(self, poses=self.poses.take(rows), relative=relative)
 
     def owners(self, poses: PoseSource) -> tuple[Owners, Owners]:
         """Of every row, among all that there are."""
@@ -232,28 +280,87 @@ class RobotNoise:
         self._poses = parts_of(poses)
         self.lever, self.whole = LeverModel(), PairedHandEye(poses)
         eyes, targets = self.whole.owners(poses)
-        self._every = eyes.names, targets.names
+        self._every, self._eye = (eyes.names, targets.names), eyes.which
+        self._relative = np.ones((len(eyes.names), 2))
 
     @property
     def moves_targets(self) -> bool:
         """Whether turns in the residuals are taken to move the target at all."""
         return bool(self.lever.fraction or any(self.lever.in_eye + self.lever.in_target))
 
-    def make(self, rows: IntArray, noises: Sequence[Noise]) -> HandEye:
+    def plain(self, rows: IntArray) -> PairedHandEye:
+        """The term over some rows whose noise is of one size, and independent at the target."""
+        term = self._term(rows, (Noise(), Noise()), NO_LEVER)
+        return replace(term, relative=None)
+
+    def without_hand(
+        self, rows: IntArray, hand: Poses, levels: FloatArray, like: Term
+    ) -> PairedHandEye:
+        """The term over some rows with other poses of a hand that has no errors.
+
+        Args:
+            rows: which (n,).
+            hand: (n, 3, 3) and (n, 3).
+            levels: (eyes, 2) noise of displacements and turns of each eye.
+            like: a term as robust as this one.
+        """
+        of_rows = levels[self._eye[rows]]
+        typical = np.exp(np.mean(np.log(of_rows), axis=0))
+        noises = [
+            Noise(s, s * block.noise.huber / block.noise.sigma)
+            for s, block in zip(typical.tolist(), like.blocks, strict=True)
+        ]
+        samples = self._poses(rows).samples
+        poses = MeasuredPoses(*hand, samples, judged=False)
+        term = self._term(rows, noises, NO_LEVER)
+        return replace(term, poses=poses, relative=of_rows / typical)
+
+    @property
+    def relative(self) -> FloatArray:
+        """(n, 2) noise of each pair's displacement and turn over what they typically have."""
+        return self._relative[self._eye]
+
+    def make(self, rows: IntArray, noises: Sequence[Noise]) -> PairedHandEye:
         """The term over some rows."""
         return self._term(rows, noises, self.lever)
 
     def revise(self, values: Mapping[str, float], inliers: BoolArray) -> None:
-        """Estimate the lever from the inliers' residuals at the values found."""
+        """Estimate the noise of each eye, and the lever, from the inliers' residuals."""
         rows = np.flatnonzero(inliers)
-        term = self._term(rows, (Noise(), Noise()), NO_LEVER)
-        at_target = term_residuals(term, values)
+        term = self.plain(rows)
+        slid, turned = term_residuals(term, values)
+        several = len(self._every[0]) > 1
+        if several:
+            self._relative[:, 1] = self._by_eye(turned, rows)
+        places, turns = self._relative[self._eye[rows]].T[..., None]
         R_X, p_X = term.owners(term.poses)[0].poses(values)
         R_seen, p_seen = self._seen[0][rows], self._seen[1][rows]
-        in_eye = np.einsum("nij,nj->ni", R_seen, at_target[1])
+        # The hand turns alike whichever eye looks.
+        in_eye = np.einsum("nij,nj->ni", R_seen, turned) / (places * turns**2)
         lever = p_seen + np.einsum("nji,nj->ni", R_X, p_X)
         one = sum(map(len, self._every)) == 2
-        self.lever = estimate_lever(at_target[0], in_eye, lever, R_seen, p_seen, points=one)
+        self.lever = estimate_lever(slid / places, in_eye, lever, R_seen, p_seen, points=one)
+        if several:
+            term = self._term(rows, (Noise(), Noise()), self.lever)
+            left = term_residuals(term, values)[0] * places
+            self._relative[:, 0] = self._by_eye(left, rows)
+
+    def _by_eye(self, residual: FloatArray, rows: IntArray) -> FloatArray:
+        """(eyes,) scatter of each eye's residuals (n, 3) over what they typically have."""
+        eye, eyes = self._eye[rows], len(self._every[0])
+        numbers = np.bincount(eye, minlength=eyes)
+        squares = np.zeros(eyes)
+        for k in np.flatnonzero(numbers):
+            # An X of its own follows the noise of one row.
+            own = numbers[k] / max(numbers[k] - 1, 1)
+            squares[k] = own * scatter(residual[eye == k], robust=True) ** 2
+        squares += ROUNDING**2
+        many = numbers > 1
+        together = np.exp(np.mean(np.log(squares[many]))) if many.any() else 1.0
+        # An eye is believed to err as the others do, as if that were one row more.
+        variances = np.where(many, (numbers * squares + together) / (numbers + 1), together)
+        typical = np.exp(numbers @ np.log(variances) / max(int(numbers.sum()), 1))
+        return np.asarray(np.sqrt(variances / typical))
 
     def forget(self) -> None:
         """Take the noise of places and turns for independent at the target's origin."""
@@ -279,7 +386,7 @@ class RobotNoise:
         allowed = 1.0 + 2.5 * UNKNOWNS / max(2 * len(rows) - UNKNOWNS, 1)
         return all(w <= allowed * p for w, p in zip(with_robot_noise, without, strict=True))
 
-    def _term(self, rows: IntArray, noises: Sequence[Noise], lever: LeverModel) -> HandEye:
+    def _term(self, rows: IntArray, noises: Sequence[Noise], lever: LeverModel) -> PairedHandEye:
         return PairedHandEye(
             self._poses(rows),
             noises[0],
@@ -288,6 +395,7 @@ class RobotNoise:
             lever_in_eye=lever.in_eye,
             lever_in_target=lever.in_target,
             every=self._every,
+            relative=self.relative[rows] if len(self._every[0]) > 1 else None,
         )
 
 
@@ -315,20 +423,24 @@ def noise_made_directions(fit: RobustFit, noise: RobotNoise, eye: int = 0) -> li
         -scaled_inverse(information[np.ix_(of_rest, of_rest)]) @ (information[np.ix_(of_rest, own)])
     )
     of_eye = follow.T @ information @ follow
-    place, turned = sigmas
-    of_hand = noise.lever.at_most * turned**2
+    place, turned = (sigmas * noise.relative[fit.inliers]).T
+    of_hand = noise.lever.at_most * float(turned.min()) ** 2
     made = np.zeros((6, 6))
-    rows_of_target = np.bincount(together.target[fit.inliers], minlength=together.targets)
-    for count, first in zip(rows_of_target, range(6 * together.eyes, len(x), 6), strict=True):
+    of_target = np.bincount(
+        together.target[fit.inliers], of_hand / place**2, minlength=together.targets
+    )
+    for amount, first in zip(of_target, range(6 * together.eyes, len(x), 6), strict=True):
         # What the point on a target moves by at which noise of places and of turns is independent.
         R = rotation_from_vector(x[first + 3 : first + 6])
         lever = -R @ noise.lever.in_target
         moves = np.hstack([np.eye(3), -skew(lever) @ R]) @ follow[first : first + 6]
-        made += 2.0 * count * of_hand / place**2 * moves.T @ moves
-    sees = np.bincount(together.eye[fit.inliers], minlength=together.eyes)
-    for count, first in zip(sees, range(0, 6 * together.eyes, 6), strict=True):
+        made += 2.0 * amount * moves.T @ moves
+    of_eyes = np.bincount(
+        together.eye[fit.inliers], 1.0 + of_hand / turned**2, minlength=together.eyes
+    )
+    for amount, first in zip(of_eyes, range(0, 6 * together.eyes, 6), strict=True):
         turns = follow[first + 3 : first + 6]
-        made += 2.0 * count * (1.0 + of_hand / turned**2) * turns.T @ turns
+        made += 2.0 * amount * turns.T @ turns
     slides = _made(of_eye[:3, :3], made[:3, :3])
     every = _made(of_eye, made)
     return [

@@ -17,7 +17,7 @@ from scipy.special import chdtr, chdtrc, fdtrc
 
 from suta_calib.arrays import BoolArray, FloatArray, IntArray
 from suta_calib.pose_calibration.consensus import DIMENSION, FALSE_ALARM, Consensus, outlier_limit
-from suta_calib.pose_calibration.correlation import common_covariance, embedded, several_frames
+from suta_calib.pose_calibration.correlation import common_covariance, embedded
 from suta_calib.pose_calibration.stated_noise import Agreement
 from suta_calib.solver.compiled_residual import term_residuals
 from suta_calib.solver.covariance import observed_parts, predicted_covariance
@@ -93,6 +93,7 @@ class RobustFit:
         called: Mapping[str, str],
         numbers: IntArray | None = None,
         seen_by: Mapping[str, IntArray] | None = None,
+        alike: float = 1.0,
     ) -> Examination:
         """The linearised result, for tests of the hypotheses about wrong data.
 
@@ -102,12 +103,13 @@ class RobustFit:
             called: words for what an unknown belongs to, by its owner.
             numbers: (n,) of the rows in their file; as they are by default.
             seen_by: rows that look at an unknown that not all of them look at.
+            alike: how many rows at least are worth one, because they share errors.
         """
         every = np.arange(len(self.inliers), dtype=np.intp) if numbers is None else numbers
-        measured = MeasuredRows(self.inliers, every, rows, called, seen_by or {})
+        measured = MeasuredRows(self.inliers, every, rows, called, seen_by or {}, alike)
         # Rows of a stream that share errors count less.
         white = [r[self.inliers] / s for r, s in zip(self.residuals, self.sigmas, strict=True)]
-        repeated = correlation_length(np.hstack(white))
+        repeated = max(correlation_length(np.hstack(white)), alike)
         return Examination.of_poses(self.solution, self.sigmas, repeated, length, measured)
 
     def followed(self, evidence: Evidence) -> FloatArray:
@@ -252,8 +254,8 @@ def _settled(
         # Residuals are smaller than the noise because the unknowns followed it, block by block.
         numbers = DIMENSION * int(inliers.sum())
         left = np.maximum(numbers - _effective_parameters(solution), 1.0)
-        scatter = np.array([_scatter(r[inliers], robust) for r in residuals])
-        levels = np.maximum(np.sqrt(numbers / left) * scatter, ROUNDING)
+        scattered = np.array([scatter(r[inliers], robust=robust) for r in residuals])
+        levels = np.maximum(np.sqrt(numbers / left) * scattered, ROUNDING)
         agreeing = inliers
         if robust:
             squared = np.array([np.sum(r**2, axis=1) for r in residuals])
@@ -363,13 +365,10 @@ def _covariance(
     ]
     jacobian = np.concatenate(parts, axis=1)
     bread, weight = scaled_inverse(curvature[at]), np.repeat(weights**2, DIMENSION)
-    frames = [_to_base(row) for row in rows]
-    several = groups < count and several_frames(frames[0], postures)
-    shared = common_covariance(
+    independent[at] += common_covariance(
         *(jacobian, white, weight, bread, spaces, order, postures),
-        *([DIMENSION] * len(rows), frames, several),
+        *([DIMENSION] * len(rows), [_to_base(row) for row in rows]),
     )
-    independent[at] = shared if several else independent[at] + shared
     return independent
 
 
@@ -385,7 +384,7 @@ def _to_base(rows: Rows) -> FloatArray:
     return np.asarray(np.swapaxes(by_pose, 1, 2) / np.maximum(length, 1e-300))
 
 
-def _scatter(residual: FloatArray, robust: bool) -> float:
+def scatter(residual: FloatArray, *, robust: bool) -> float:
     """Standard deviation of one component; winsorised as Huber's proposal 2 does, but unbiased."""
     squared = np.einsum("nd,nd->n", residual, residual)
     level = float(np.sqrt(squared.mean() / DIMENSION))

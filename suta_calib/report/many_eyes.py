@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from operator import attrgetter
 from typing import Final
@@ -15,7 +15,7 @@ from suta_calib.model.parameters import PLACEMENT
 from suta_calib.pose_calibration.eye_poses import FRAMES, PoseAccuracy, Unknown
 from suta_calib.pose_calibration.many_eyes import FoundPose, ManyEyesCalibration
 from suta_calib.pose_calibration.undetermined import NotFound
-from suta_calib.report.document import Document, Figure, Part
+from suta_calib.report.document import Document, Figure, Part, Text
 from suta_calib.report.hand_eye import CALIBRATION, NAME
 from suta_calib.report.listing import Column, Json, Listing, Row, Table, components, plain, shown_as
 from suta_calib.report.poses import (
@@ -128,6 +128,7 @@ def many_eyes_document(calibration: ManyEyesCalibration, data: PosePairs) -> Doc
         FITTED.of((*calibration.eyes, *calibration.targets), place="detail"),
         PAIRS.of(_pairs(calibration), place="detail"),
         *fit_texts(fit, "pair", calibration, data.lines),
+        *([] if calibration.noise is None else [Text(_noise_text(calibration))]),
         residuals_file(
             *(calibration.inliers, {"line": lines, **labels}, residuals, turns),
             calibration.numbers,
@@ -135,7 +136,7 @@ def many_eyes_document(calibration: ManyEyesCalibration, data: PosePairs) -> Doc
         Figure(lambda: report.many_eyes_plot(calibration)),
     ]
     sides = {"X": calibration.eyes, "Z": calibration.targets}
-    usable = calibration.assessment.usable
+    usable, noise = calibration.assessment.usable, calibration.noise
     order = [
         f"{side}[{one.name}].{key}"
         for side, poses in sides.items()
@@ -174,6 +175,7 @@ def many_eyes_document(calibration: ManyEyesCalibration, data: PosePairs) -> Doc
             for row in between
         ],
         **CALIBRATION.record(calibration),
+        **({} if noise is None else {"hand_noise": _noise_record(noise[0].tolist())}),
         **fitted_rows(calibration, data.lines),
         "covariance": covariance_record(calibration.covariance, order, "m, rad"),
         "input": str(data.path),
@@ -196,14 +198,27 @@ def found_tables(calibration: ManyEyesCalibration) -> Iterator[Table]:
 
 
 def _record(one: FoundPose) -> Json:
+    noise = {} if one.noise is None else _noise_record(one.noise)
     return {
         **pose_record(one.pose),
+        **noise,
         "rows": len(one.rows),
         "inliers": one.inliers,
         "rms_mm": plain(one.rms, "m"),
         "rms_deg": plain(one.rms_angle, "rad"),
         "seen_with": list(one.partners),
     }
+
+
+def _noise_text(calibration: ManyEyesCalibration) -> str:
+    """What hand and eyes err by, in words."""
+    assert calibration.noise is not None
+    names = ["the hand", *(f"eye {one.name}" for one in calibration.eyes)]
+    sizes = [
+        f"{name} {text(place, 'm', with_unit=True)} and {text(turn, 'rad', with_unit=True)}"
+        for name, (place, turn) in zip(names, calibration.noise.tolist(), strict=True)
+    ]
+    return f"noise (one component): {listed(sizes, NAMED)}"
 
 
 def _lost(calibration: ManyEyesCalibration, side: str) -> list[NotFound]:
@@ -215,6 +230,11 @@ def _lost(calibration: ManyEyesCalibration, side: str) -> list[NotFound]:
 def _nothing(calibration: ManyEyesCalibration, side: str) -> Json:
     """No number for them."""
     return {one.name: None for one in _lost(calibration, side)}
+
+
+def _noise_record(noise: Sequence[float]) -> Json:
+    """Scatter of one component, m and rad."""
+    return {"noise_mm": plain(noise[0], "m"), "noise_deg": plain(noise[1], "rad")}
 
 
 def _record_of_none(one: NotFound) -> Json:

@@ -66,7 +66,7 @@ def _target_in_eye(poses: Sequence[Pose], unknowns: Symbol) -> Pose:
     return Pose(R_base_eye.T @ target.R, R_base_eye.T @ (target.p - p_base_eye))
 
 
-def _position(poses: Sequence[Pose], unknowns: Symbol, data: Symbol) -> Symbol:
+def target_position(poses: Sequence[Pose], unknowns: Symbol, data: Symbol) -> Symbol:
     """In the eye's frame, which moves with the arm: the base gauge stays unobservable."""
     target, robot_noise_fraction = Pose(ca.reshape(data[3:12], 3, 3), data[0:3]), data[12]
     expected, hand_in_eye = (
@@ -78,7 +78,8 @@ def _position(poses: Sequence[Pose], unknowns: Symbol, data: Symbol) -> Symbol:
     return expected.p - target.p - ca.cross(turn, lever)
 
 
-def _rotation(poses: Sequence[Pose], unknowns: Symbol, data: Symbol) -> Symbol:
+def target_rotation(poses: Sequence[Pose], unknowns: Symbol, data: Symbol) -> Symbol:
+    """The turn from where the target was seen to where it is expected."""
     target = ca.reshape(data, 3, 3)
     return symbolic_chordal_log(target.T @ _target_in_eye(poses, unknowns).R)
 
@@ -185,6 +186,11 @@ class HandEye(InstrumentTerm):
         return SeenTogether(eyes.which, targets.which, len(eyes.names), len(targets.names))
 
     @property
+    def fractions(self) -> FloatArray:
+        """(n,) part of each sample's rotational noise that is the hand's."""
+        return np.full(len(self.poses), self.robot_noise_fraction)
+
+    @property
     def frame_names(self) -> list[str]:
         """Owners of the poses of eyes, then of targets."""
         eyes, targets = self.owners(self.poses)
@@ -209,11 +215,11 @@ class HandEye(InstrumentTerm):
         own_columns = (first[:, :, None] + np.arange(6)).reshape(n, 12)
         turned = flat(rotation)
         lever = np.array(self.lever_in_eye) + rotation @ self.lever_in_target
-        both = np.column_stack([position, turned, np.full(n, self.robot_noise_fraction), lever])
+        both = np.column_stack([position, turned, self.fractions, lever])
         block, labels, angular = Block.per_sample, self.poses.samples.origin, self.angular_noise
         return (
-            block("position", "m", 3, _position, own_columns, both, self.noise, labels),
-            block("rotation", "rad", 3, _rotation, own_columns, turned, angular, labels),
+            block("position", "m", 3, target_position, own_columns, both, self.noise, labels),
+            block("rotation", "rad", 3, target_rotation, own_columns, turned, angular, labels),
         )
 
     def observed(self, values: Mapping[str, float], poses: PoseSource) -> Observed:

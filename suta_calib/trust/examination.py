@@ -37,6 +37,7 @@ class MeasuredRows:
         rows: what they are, in the plural.
         called: words for what an unknown frame or point belongs to, by its owner.
         seen_by: rows that look at an unknown that not all of them look at, by its owner.
+        alike: how many rows at least are worth one, because they share errors.
     """
 
     inliers: BoolArray
@@ -44,6 +45,7 @@ class MeasuredRows:
     rows: str = "rows"
     called: Mapping[str, str] = field(default_factory=dict)
     seen_by: Mapping[str, IntArray] = field(default_factory=dict)
+    alike: float = 1.0
 
 
 @dataclass(frozen=True, eq=False)

@@ -248,3 +248,47 @@ def test_labels_that_cannot_be_are_refused(labels: dict[str, Any], said: str) ->
     data = scene(3, 1, 12)
     with pytest.raises(SamplesError, match=said):
         calibrate_many_eyes(data.hand, data.seen, **labels)
+
+
+@pytest.mark.parametrize("setup", ["eye-in-hand", "eye-to-hand"])
+@pytest.mark.parametrize("seed", range(3))
+def test_an_eye_in_millimetres_is_named(seed: int, setup: Any) -> None:
+    data = scene(3, 2, 25, seed=seed, setup=setup)
+    R, p = data.seen[0], data.seen[1].copy()
+    p[data.eye == "top"] *= 1e3
+    with pytest.raises(SamplesError, match="mm") as problem:
+        calibrate_many_eyes(data.hand, (R, p), eye=data.eye, target=data.target, setup=setup)
+    assert "eye top" in str(problem.value)
+
+
+def exchanged(names: Any, a: str, b: str, since: int) -> Any:
+    other = names.copy()
+    late = other[since:]
+    other[since:] = np.where(late == a, b, np.where(late == b, a, late))
+    return other
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("setup", ["eye-in-hand", "eye-to-hand"])
+def test_exchanges_are_named_in_every_set_and_sound_sets_are_not(setup: Any) -> None:
+    """Forty sets: sound, and with eyes or targets exchanged from a row on."""
+    for seed in range(40):
+        random = np.random.default_rng(seed)
+        eyes, targets = int(random.integers(2, 5)), int(random.integers(2, 4))
+        instants = int(random.integers(15, 40))
+        size = float(10.0 ** random.uniform(-0.7, 0.7))
+        noise = PoseNoise(3e-4 * size, float(np.radians(0.1)) * size)
+        data = scene(eyes, targets, instants, seed=seed, hand=noise, eye=noise, setup=setup)
+        sound = calibrate_many_eyes(
+            data.hand, data.seen, eye=data.eye, target=data.target, setup=setup
+        )
+        assert not sound.not_found
+        assert not sound.findings
+        since = int(random.integers(0.3 * len(data.eye), 0.7 * len(data.eye)))
+        by_eye = {"eye": exchanged(data.eye, "left", "right", since), "target": data.target}
+        by_target = {"eye": data.eye, "target": exchanged(data.target, "A", "B", since)}
+        for labels, said in ((by_eye, "eyes left and right"), (by_target, "targets A and B")):
+            with pytest.raises(SamplesError) as problem:
+                calibrate_many_eyes(data.hand, data.seen, setup=setup, **labels)
+            words = str(problem.value).replace("right and left", "left and right")
+            assert said in words.replace("B and A", "A and B")

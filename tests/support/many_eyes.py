@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -71,7 +72,7 @@ def scene(
     *,
     seed: int = 0,
     hand: PoseNoise = FINE,
-    eye: PoseNoise = FINE,
+    eye: PoseNoise | Sequence[PoseNoise] = FINE,
     gross: float = 0.0,
     setup: EyeSetup = "eye-in-hand",
     axes: FloatArray | None = None,
@@ -81,6 +82,7 @@ def scene(
     """At every instant each eye sees one of its targets; they share what is wrong with the hand.
 
     Args:
+        eye: noise of what all eyes see, or of each.
         axes: (eyes, 3) about which the hand turns where an eye looks: each then has instants of
             its own.
         sees: (eyes, targets) which are ever seen; all by default.
@@ -101,7 +103,12 @@ def scene(
     A = rotation_from_vector(turns), places
     sight = inverse_poses(after(A, some_poses(X, which)))
     B = after(sight, some_poses(Z, seen_target))
-    B = eye.scattered(noise, B)
+    if isinstance(eye, PoseNoise):
+        B = eye.scattered(noise, B)
+    else:
+        for k, of_one in enumerate(eye):
+            rows = which == k
+            B[0][rows], B[1][rows] = of_one.scattered(noise, some_poses(B, rows))
     _, first, again = np.unique(instant, return_index=True, return_inverse=True)
     measured = some_poses(hand.scattered(noise, some_poses(A, first)), again)
     outliers = errors.random(len(which)) < gross

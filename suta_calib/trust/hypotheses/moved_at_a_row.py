@@ -132,6 +132,8 @@ class Moved(AddedVariable):
         # Neighbours with a common error count less, and seem to change somewhere.
         length = correlation_length(np.hstack([r.reshape(count, -1) for r in white]))
         about = replace(effect.about, correlated=length > 1.0 or count < 60)
+        assert answer.measured is not None
+        length = max(length, answer.measured.alike)
         tried = sum(len(each.windows or ()) for each in effects)
         return [
             replace(
