@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from hashlib import sha256
 from pathlib import Path
@@ -55,6 +55,15 @@ class Corners(Displayable):
         """SHA-256 of the rows as their file has them, in whichever order."""
         return sha256("\n".join(sorted(corners_text(self).splitlines())).encode()).hexdigest()
 
+    def table(self, numbers: Iterable[int]) -> FloatArray:
+        """(pictures, points, 2) px, in the order of `images` and the numbers; NaN if not found."""
+        columns = {number: k for k, number in enumerate(numbers)}
+        pictures = {name: k for k, name in enumerate(self.images)}
+        table = np.full((len(pictures), len(columns), 2), np.nan)
+        at = [pictures[name] for name in self.image.tolist()]
+        table[at, [columns[number] for number in self.point.tolist()]] = self.pixel
+        return table
+
     def take(self, rows: BoolArray | IntArray) -> Corners:
         """Some of the rows, by number or by boolean mask."""
         index = np.arange(len(self))[rows]
@@ -81,16 +90,31 @@ class Corners(Displayable):
             return
         for row in np.flatnonzero(~camera.inside(self.pixel))[:1]:
             u, v = self.pixel[row]
-            exchanged = camera.inside(self.pixel[:, ::-1]).all()
             raise self.refuse(
                 int(row),
                 f"a corner at {u:.1f}, {v:.1f} px",
                 f"a corner in the picture, which is {camera.width} x {camera.height} px",
-                "if u and v were exchanged, all corners would be in the picture: u is the "
-                "column, v the row"
-                if exchanged
-                else "the camera's file must be for pictures of this size",
+                self._why_outside(camera),
             )
+
+    def _why_outside(self, camera: Camera) -> str:
+        """What to do about corners outside the camera's picture."""
+        if camera.inside(self.pixel[:, ::-1]).all():
+            return (
+                "if u and v were exchanged, all corners would be in the picture: u is the column, "
+                "v the row"
+            )
+        for first, which in ((0.5, "from the corner of the first pixel"), (1.0, "from 1")):
+            if camera.inside(self.pixel - first).all():
+                return (
+                    f"pixels seem to be counted {which}, where the centre of the first one is 0, "
+                    f"0: subtract {first:g} from u and v"
+                )
+        width, height = np.ceil(self.pixel.max(axis=0)).astype(int) + 1
+        return (
+            f"all corners are within {width} x {height} px: the camera's file must be for pictures "
+            "of this size"
+        )
 
 
 def read_corners(path: str | Path) -> Corners:

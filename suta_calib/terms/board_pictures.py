@@ -10,8 +10,8 @@ doi:10.1016/j.acha.2010.02.001, for two elements).
 from __future__ import annotations
 
 import warnings
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Final
@@ -110,6 +110,7 @@ TURNED: Final = {
     "board": "the board is turned by half a turn: its corners are numbered from the opposite end.",
     "picture": "the picture is turned by half a turn: the camera was, or the program that "
     "wrote the file turned it.",
+    "mirror": "the picture is mirrored: left and right, or top and bottom, are exchanged in it.",
 }
 
 
@@ -260,16 +261,15 @@ class BoardPictures:
         return np.where(turned[:, None, None], self.pixels[:, ::-1], self.pixels)
 
     def upside_down(self, hand: Poses) -> dict[str, BoolArray]:
-        """Pictures (n,) that agree with the others once they are turned by half a turn.
+        """Pictures (n,) that agree with the others once they are turned half a turn, or mirrored.
 
-        By what is turned: ``board``, whose corners are numbered from the other end, or ``picture``.
-        Those that agree as they are, or not even then, are in neither.
+        By what is turned: ``board``, whose corners are numbered from the other end, or ``picture``;
+        or by ``mirror``. Those that agree as they are, or not even then, are in none.
 
         Args:
             hand: ``T_base_hand`` of an eye on the hand, ``T_hand_base`` of one beside it.
         """
-        nobody = np.zeros(len(self.pixels), dtype=np.bool_)
-        turned_over = {"board": nobody, "picture": nobody.copy()}
+        turned_over = {what: np.zeros(len(self.pixels), dtype=np.bool_) for what in TURNED}
         rows = np.flatnonzero(self.posed)
         if not self.board.flat or len(rows) < 2:
             return turned_over
@@ -286,10 +286,36 @@ class BoardPictures:
         middle = self.points.mean(axis=0)
         board = off((B[0] @ HALF_TURN, B[1] + B[0] @ (middle - HALF_TURN @ middle)))
         picture = off((HALF_TURN @ B[0], B[1] @ HALF_TURN))
+        as_it_is = off(B)
         # Turn of a loop of a picture that is read upside down, and of one that is read well.
-        strange, upright = off(B)[0] > np.radians(120.0), np.radians(30.0)
+        strange, upright = as_it_is[0] > np.radians(120.0), np.radians(30.0)
         # Of a board straight ahead of the camera the two are one, but for rounding.
         nearer = sum(board) <= (1.0 + ROUNDING) * sum(picture)
         for name, (turned, _), mine in (("board", board, nearer), ("picture", picture, ~nearer)):
             turned_over[name][rows[strange & mine & (turned < upright)]] = True
+        if (as_it_is[0] > upright).any():
+            mirrored = [off(some_poses(target, self.posed)) for target in self._mirrored()]
+            turned, away = (np.min(parts, axis=0) for parts in zip(*mirrored, strict=True))
+            # A picture is mirrored that agrees with the others then, as one in a thousand does by
+            # chance (turn of its loop, rad, and how far it ends, in distances), and far better than
+            # if anything were turned.
+            agrees = (turned < np.radians(10.0)) & (away < 0.1) & (as_it_is[0] > upright)
+            agrees &= 2.0 * (turned + away) < np.minimum(sum(board), sum(picture))
+            for name, named in turned_over.items():
+                named[rows[agrees]] = name == "mirror"
         return turned_over
+
+    def _mirrored(self) -> Iterator[Poses]:
+        """``T_eye_board`` of every picture, were it mirrored, as the corners may be numbered then.
+
+        Who numbers a board's corners in a mirrored picture has one side of it run the other way.
+        """
+        right = np.array([self.camera.width - 1.0, 0.0])
+        pixels = right + self.pixels * [-1.0, 1.0]
+        rotation, position = replace(self, pixels=pixels).poses
+        middle = self.points.mean(axis=0)
+        for side in ([1.0, 1.0, 1.0], [1.0, -1.0, -1.0], [-1.0, 1.0, -1.0]):
+            turn = np.diag(side)
+            for half in (np.eye(3), HALF_TURN):
+                there = rotation @ turn, position + rotation @ (middle - turn @ middle)
+                yield half @ there[0], there[1] @ half

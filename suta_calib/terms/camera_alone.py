@@ -91,15 +91,11 @@ def seen_by(
 
     The third is (pictures,) which do, in the order of `Corners.images`.
     """
-    names = {name: k for k, name in enumerate(corners.images)}
-    numbers = {number: k for k, number in enumerate(board.points)}
-    pixels = np.full((len(names), len(numbers), 2), np.nan)
-    picture = [names[name] for name in corners.image.tolist()]
-    pixels[picture, [numbers[k] for k in corners.point.tolist()]] = corners.pixel
+    pixels = corners.table(board.points)
     points = np.array(list(board.points.values()))
     rotation, position = poses_in_camera(points, pixels, camera)
-    located = np.isfinite(position[:, 0])
-    there = np.isfinite(pixels[located]).all(axis=2)
+    located = np.asarray(np.isfinite(position[:, 0]))
+    there = np.asarray(np.isfinite(pixels[located]).all(axis=2))
     shown = np.where(there[..., None], pixels[located], 0.0)
     pictures = PicturesSeen(points, shown, there, camera.lens)
     return pictures, State(camera.intrinsics, rotation[located], position[located]), located

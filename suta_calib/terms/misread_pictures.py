@@ -1,7 +1,7 @@
 """Finds pictures that contradict the files of board and camera, and the likely reason.
 
-Another board, a camera of pictures of another size, pixels that are counted in another way, corners
-that are no corners, pictures or boards upside down.
+Another board, another camera or a camera of pictures of another size, pixels that are counted in
+another way, corners that are no corners, pictures or boards upside down.
 """
 
 from __future__ import annotations
@@ -15,29 +15,40 @@ from scipy.optimize import minimize_scalar
 
 from suta_calib.arrays import BoolArray, FloatArray
 from suta_calib.assessment import Level
-from suta_calib.errors import SamplesError
-from suta_calib.geometry.lens import LENSES
-from suta_calib.measurements import Board
+from suta_calib.errors import InputError, SamplesError
+from suta_calib.geometry.lens import LENSES, Lens
+from suta_calib.measurements import Board, Camera, corners_of
 from suta_calib.terms.board_pictures import MIRRORED, QUOTED, ROUNDING, TURNED, BoardPictures
 from suta_calib.terms.camera_start import PLANAR, board_poses, columns_exchanged
 from suta_calib.terms.hand_eye_start import Poses
+from suta_calib.terms.lens_choice import best_lens
 from suta_calib.words import listed
 
 # Corners that are off by this part of the board's extent in a picture are of no such board.
 NO_BOARD: Final = 0.1
 # Pictures of which it is asked: what is wrong with the files is wrong with all.
 ENOUGH: Final = 8
+# Another board or camera is the cause where it leaves so many times less.
+_FAR_LESS: Final = 2.0
 
 
 def check_files(pictures: BoardPictures) -> None:
-    """Refuse corners that another board or camera explains far better, or that none does."""
+    """Refuse corners that contradict the files of board and camera."""
+    if (cause := contradiction(pictures)) is not None:
+        raise cause
+
+
+def contradiction(pictures: BoardPictures) -> SamplesError | None:
+    """That another board or camera explains the corners far better, or that none does.
+
+    None where nothing speaks against the files.
+    """
     if len(pictures.pixels) > ENOUGH:
         chosen = np.linspace(0, len(pictures.pixels) - 1, ENOUGH).astype(np.intp)
-        check_files(replace(pictures, pixels=pictures.pixels[chosen]))
-        return
+        return contradiction(replace(pictures, pixels=pictures.pixels[chosen]))
     # Misfit, part of the board's extent, that any camera leaves: nothing is asked below it.
     if pictures.misfit <= 1e-3:
-        return
+        return None
     candidates = list(_others(pictures))
     _pose_together(
         [
@@ -48,16 +59,19 @@ def check_files(pictures: BoardPictures) -> None:
     )
     misfits = [(other.misfit, error) for other, error in candidates]
     least, cause = min(misfits, key=lambda other: other[0], default=(np.inf, None))
-    # Another board or camera is the cause where it leaves so many times less.
-    if cause is not None and 2.0 * least < pictures.misfit:
-        raise cause
-    if pictures.misfit > NO_BOARD:
-        raise SamplesError(
-            f"corners that differ from the board in any pose by more than {NO_BOARD:.0%} of its "
-            "size",
-            f"corners of this board ({pictures.board.type}), by their numbers",
-            hint="are corners, board.yaml and camera.yaml of the same board and camera?",
-        )
+    if _FAR_LESS * least >= pictures.misfit:
+        least, cause = pictures.misfit, None
+    if (other := _other_camera(pictures, least)) is not None:
+        return other
+    if cause is not None:
+        return cause
+    if pictures.misfit <= NO_BOARD:
+        return None
+    return SamplesError(
+        f"corners that differ from the board in any pose by more than {NO_BOARD:.0%} of its size",
+        f"corners of this board ({pictures.board.type}), by their numbers",
+        hint="are corners, board.yaml and camera.yaml of the same board and camera?",
+    )
 
 
 def _pose_together(candidates: Sequence[BoardPictures]) -> None:
@@ -115,9 +129,65 @@ def _others(pictures: BoardPictures) -> Iterator[tuple[BoardPictures, SamplesErr
                 f"corners of pictures of about {camera.width} x {camera.height} px",
                 f"of {pictures.camera.width} x {pictures.camera.height} px, as the camera's file "
                 "says",
-                hint="calibrate the camera on pictures of the same size, or scale its file",
+                hint="calibrate the camera on pictures of the same size, or multiply camera_matrix "
+                f"in its file by {factor:.3g}",
             ),
         )
+
+
+def _other_camera(pictures: BoardPictures, least: float) -> SamplesError | None:
+    """That the pictures show another camera, which leaves far less than ``least`` by any other.
+
+    None where they do not, or where the difference can be estimated.
+    """
+    # Misfit, part of the board's extent, of a focal length that is a tenth off, and of a lens that
+    # is bent otherwise.
+    off, bent = 0.004, 0.01
+    if pictures.misfit < off or (shown := shown_camera(pictures)) is None:
+        return None
+    if _FAR_LESS * replace(pictures, camera=shown).misfit > least:
+        return None
+    given, stds = pictures.camera, shown.stds
+    assert stds is not None
+    refocused = np.abs(np.log(shown.intrinsics[:2] / given.intrinsics[:2]))
+    sure = 3.0 * stds[:2] / shown.intrinsics[:2]
+    # Of two focal lengths of one camera, another focus.
+    if pictures.misfit < bent and not (refocused > np.maximum(np.log(1.1), sure)).any():
+        return None
+    alike = shown.lens is given.lens and (refocused < np.log(1.02)).all()
+    return SamplesError(
+        f"corners as {_in_words(shown, bent=alike)} shows them",
+        f"those of {_in_words(given, bent=alike)}, as the camera's file says",
+        hint="the file must be for this camera, this lens, this focus and this size of picture: "
+        "calibrate the camera (suta-calib detect --camera-out)",
+    )
+
+
+def _in_words(camera: Camera, *, bent: bool) -> str:
+    """A camera by what tells it from others; by how its lens is bent where nothing else does."""
+    fx, fy, cx, cy, *distortion = camera.intrinsics.tolist()
+    words = f"a camera with the lens {camera.lens.called}, fx {fx:.0f}, fy {fy:.0f}, cx {cx:.0f}"
+    words += f", cy {cy:.0f} px"
+    if bent:
+        named = zip(camera.lens.distortion, distortion, strict=True)
+        words += "".join(f", {name} {value:.3g}" for name, value in named)
+    return words
+
+
+def shown_camera(pictures: BoardPictures, lens: Lens | None = None) -> Camera | None:
+    """The camera that the pictures show by themselves; None where they do not determine one.
+
+    With this lens; without one, with that which predicts left-out pictures best.
+    """
+    picture, point = np.nonzero(np.isfinite(pictures.pixels).all(axis=2))
+    numbers = np.array([*pictures.board.points])[point]
+    names = np.array([f"{k:06d}" for k in range(len(pictures.pixels))])[picture]
+    corners = corners_of(names, numbers, pictures.pixels[picture, point])
+    size = pictures.camera.width, pictures.camera.height
+    try:
+        return best_lens(corners, corners.images, pictures.board, size, lens).camera
+    except InputError:
+        return None
 
 
 def _other_lenses(pictures: BoardPictures) -> Iterator[tuple[BoardPictures, SamplesError]]:

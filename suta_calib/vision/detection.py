@@ -19,6 +19,8 @@ from suta_calib.measurements.board import Board, Charuco, Chessboard, Markers
 from suta_calib.measurements.camera import Camera
 from suta_calib.measurements.corners import Corners, corners_of
 from suta_calib.measurements.marker_axes import markers_as_seen
+from suta_calib.terms.board_pictures import BoardPictures
+from suta_calib.terms.misread_pictures import contradiction, shown_camera
 from suta_calib.threads import usable_cores
 from suta_calib.vision.camera_fit import (
     CameraFit,
@@ -45,13 +47,15 @@ class DetectionOptions(Displayable):
 
     Attributes:
         workers: threads; as many as there are processors by default.
-        doubtful: median RMS, px, from which on a camera that was given hardly fits the pictures;
-            corners are found to a few hundredths.
+        suspicious: median RMS, px, from which on it is asked whether the pictures show another
+            camera than the one that was given; corners are found to a few hundredths.
+        doubtful: the same, from which on that camera hardly fits the pictures in any case.
         unfit: the same, from which on it is another camera's, or another focus'.
         camera: what a calibration of the camera must keep to.
     """
 
     workers: int = 0
+    suspicious: float = 0.1
     doubtful: float = 1.0
     unfit: float = 3.0
     camera: CameraFitOptions = field(default_factory=CameraFitOptions)
@@ -147,7 +151,10 @@ def detect(
         MissingExtraError: OpenCV is not installed.
     """
     how = options or DetectionOptions()
-    views = _one_size(_searched(pictures, finder_of(board), how.workers, progress), camera)
+    views = _searched(pictures, finder_of(board), how.workers, progress)
+    if camera is not None:
+        _check_size(views, camera)
+    views = _one_size(views, camera)
     if not any(view.board for view in views):
         raise _none_found(views)
     board, turned = markers_as_seen(board, _corners(views))
@@ -189,7 +196,11 @@ def detect(
         rms = rms_by_view(corners, residuals)
         views = [_with_rms(view, rms) for view in views]
         if fit is None:
-            bad, notes = _judged(list(rms.values()), how)
+            bad, notes = _judged(
+                list(rms.values()),
+                BoardPictures(board, camera, corners.table(board.points)),
+                how,
+            )
     notes = [*filter(None, [_symmetry(board)]), *notes, *filter(None, [_left_out(views)])]
     count = sum(view.board is not None for view in views)
     sentence = f"{len(corners)} corners found in {count} of {len(views)} pictures."
@@ -258,6 +269,38 @@ def _one_size(views: list[SearchedPicture], camera: Camera | None) -> list[Searc
     ]
 
 
+def _check_size(views: Sequence[SearchedPicture], camera: Camera) -> None:
+    """Refuse a camera's file of another size than all pictures that show the board."""
+    seen = [view for view in views if view.board and view.size]
+    width, height = camera.width, camera.height
+    if not seen or any(view.size == (width, height) for view in seen):
+        return
+    size = _size(views)
+    if size == (height, width):
+        hint = (
+            "width and height are exchanged: pictures are read as the sensor has them, not turned "
+            "by their EXIF entry. Calibrate the camera with these pictures (--camera-out)"
+        )
+    elif size[0] * height == size[1] * width:
+        factor = size[0] / width
+        hint = (
+            "calibrate the camera with pictures of this size (--camera-out). If they were only "
+            f"scaled, and neither cut nor binned, multiply fx and fy in its file by {factor:.6g}, "
+            f"and take {factor:.6g} (c + 0.5) - 0.5 for cx and cy"
+        )
+    else:
+        hint = (
+            "the sides have another ratio, so these pictures are cut out or stretched: calibrate "
+            "the camera with pictures of this size (--camera-out)"
+        )
+    raise SamplesError(
+        f"pictures of {size[0]}x{size[1]} px",
+        f"{width}x{height} px, the size that the camera's file states",
+        file=seen[0].picture.path,
+        hint=hint,
+    )
+
+
 def _with_rms(view: SearchedPicture, rms: Mapping[str, float]) -> SearchedPicture:
     """A picture with the RMS of its corners, where some pose of the board explains them."""
     value = rms.get(view.picture.name, float("nan"))
@@ -288,22 +331,55 @@ def _none_found(views: Sequence[SearchedPicture]) -> InputError:
     )
 
 
-def _judged(rms: Sequence[float], how: DetectionOptions) -> tuple[list[str], list[str]]:
+def _judged(
+    rms: Sequence[float], pictures: BoardPictures, how: DetectionOptions
+) -> tuple[list[str], list[str]]:
     """What is bad about a camera that was given, and what must be known."""
     errors = [error if np.isfinite(error) else np.inf for error in rms]
     median = float(np.median(errors)) if errors else 0.0
-    files = "The file of the camera or of the board"
-    misfit = f"{files} does not fit the pictures: " + (
+    cause = contradiction(pictures) if median > how.suspicious else None
+    misfit = "The file of the camera or of the board does not fit the pictures: " + (
         f"RMS {median:.1f} px (median)"
         if np.isfinite(median)
         else "no pose of the board explains most corners"
     )
+    if cause is not None:
+        return [f"{misfit}; found {cause.found}; expected {cause.expected}; {cause.hint}."], []
     if median > how.unfit:
         return [
             f"{misfit}. Check whether the file belongs to this camera, focus and resolution."
         ], []
+    if refocused := _refocused(pictures, median, how):
+        return [], [refocused]
     remedy = "Measure the board, and calibrate the camera with --camera-out"
     return [], [f"{misfit}; {remedy}"] if median > how.doubtful else []
+
+
+def _refocused(pictures: BoardPictures, median: float, how: DetectionOptions) -> str:
+    """That the pictures show the camera with other numbers, which leave far smaller errors."""
+    # Fewer pictures hardly tell it, and more no better.
+    least, most = 5, 16
+    if median <= how.suspicious or len(pictures.pixels) < least:
+        return ""
+    chosen = np.linspace(0, len(pictures.pixels) - 1, min(len(pictures.pixels), most))
+    some = replace(pictures, pixels=pictures.pixels[chosen.astype(np.intp)])
+    given = pictures.camera
+    shown = shown_camera(some, given.lens)
+    # So many times smaller; a board that is a little bent leaves the same with either camera.
+    if (
+        shown is None
+        or 3.0 * (left := float(np.nanmedian(replace(some, camera=shown).rms))) > median
+    ):
+        return ""
+    changes = ", ".join(
+        f"{name} {given.values[name]:.1f} → {value:.1f}"
+        for name, value in list(shown.values.items())[:4]
+    )
+    return (
+        f"The pictures contradict the camera's file ({changes} px), which leaves errors of "
+        f"{median:.2f} px (RMS) instead of {left:.2f} px: another focus, or another cut of the "
+        "picture. Calibrate the camera again (--camera-out)."
+    )
 
 
 def _symmetry(board: Board) -> str:

@@ -12,6 +12,7 @@ from camera_scenes import BOARD, CAMERA, pictures
 from simulated import arm_named, camera_scene, dh_parameters, perturbed
 
 from suta_calib.errors import SamplesError
+from suta_calib.geometry.lens import EQUIDISTANT, PLUMB_BOB, Lens
 from suta_calib.measurements import Board, Camera, Chessboard, Marker, Markers
 from suta_calib.solver.options import SolverOptions
 from suta_calib.solver.problem import Problem
@@ -118,6 +119,30 @@ def test_a_camera_that_somebody_calibrated_badly_is_no_other_one() -> None:
     check_files(replace(board_pictures(), camera=Camera(1280, 960, wrong)))
 
 
+def other_camera(lens: Lens, focal: float, *bent: float) -> Camera:
+    distortion = [*bent, *[0.0] * (len(lens.distortion) - len(bent))]
+    return Camera(1280, 960, np.array([focal, focal, 640, 480, *distortion]), lens=lens)
+
+
+@pytest.mark.parametrize(
+    "given",
+    [
+        other_camera(EQUIDISTANT, 500.0),
+        other_camera(PLUMB_BOB, 1500.0, -0.1, 0.05),
+        other_camera(PLUMB_BOB, CAMERA.intrinsics[0], 1.5),
+    ],
+    ids=["fisheye", "focus", "bent"],
+)
+def test_another_cameras_file_is_refused_with_what_the_pictures_show(given: Camera) -> None:
+    # The camera's focal length, to a hundredth.
+    shown = r"as a camera with the lens plumb_bob, fx (99|100)\d, "
+    with pytest.raises(SamplesError, match=shown) as refused:
+        check_files(replace(board_pictures(), camera=given))
+    assert f"the lens {given.lens.called}, fx {given.intrinsics[0]:.0f}, " in refused.value.expected
+    # How a lens is bent is said where the cameras differ in nothing else.
+    assert ("k1 1.5" in refused.value.expected) == (given.intrinsics[4] == 1.5)
+
+
 def test_a_resized_camera_sees_the_same() -> None:
     small = CAMERA.resized(0.5)
     assert (small.width, small.height) == (640, 480)
@@ -137,6 +162,17 @@ TERM: Any = SCENE.exact()
 _CAMERA = TERM.camera
 
 
+def mirrored(pixels: np.ndarray) -> np.ndarray:
+    return [_CAMERA.width - 1.0, 0.0] + pixels * [-1.0, 1.0]
+
+
+def mirrored_and_numbered(pixels: np.ndarray) -> np.ndarray:
+    """As a search for the board numbers it in a mirrored picture: its rows from the last one on."""
+    board = TERM.board
+    by_row = mirrored(pixels).reshape(-1, board.rows, board.columns, 2)
+    return by_row[:, ::-1].reshape(pixels.shape)
+
+
 def changed(change: Change, rows: slice = slice(None)) -> CameraView:
     pixels = TERM.pixels.copy()
     pixels[rows] = change(pixels[rows])
@@ -150,8 +186,10 @@ def changed(change: Change, rows: slice = slice(None)) -> CameraView:
     [
         (lambda pixels: pixels[:, ::-1], "the board is turned by half a turn"),
         (upside_down, "the picture is turned by half a turn"),
+        (mirrored, "the picture is mirrored"),
+        (mirrored_and_numbered, "the picture is mirrored"),
     ],
-    ids=["board", "picture"],
+    ids=["board", "picture", "mirror", "mirror, numbered"],
 )
 def test_some_pictures_upside_down_are_named(change: Change, said: str) -> None:
     ((sentence, level),) = changed(change, slice(2, 5)).doubts.items()

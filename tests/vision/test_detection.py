@@ -137,6 +137,31 @@ def test_another_cameras_file_does_not_fit(folder: Path):
     assert "does not fit the pictures" in found.assessment.notes[0]
 
 
+@pytest.mark.parametrize(
+    ("size", "advice"),
+    [
+        ((640, 480), "multiply fx and fy in its file by 0.5"),
+        ((320, 200), "cut out or stretched"),
+        ((240, 320), "not turned by their EXIF entry"),
+    ],
+)
+def test_a_camera_of_pictures_of_another_size_is_refused_with_a_remedy(
+    folder: Path, size: tuple[int, int], advice: str
+) -> None:
+    pictures = find_pictures([folder / "good_0.png", folder / "good_1.png"])
+    with pytest.raises(SamplesError, match="pictures of 320x240 px") as refused:
+        detect(pictures, CHESSBOARD, Camera(*size, CAMERA.intrinsics))
+    assert f"{size[0]}x{size[1]} px" in refused.value.expected
+    assert advice in refused.value.hint
+
+
+def test_a_camera_with_another_focus_is_named(folder: Path) -> None:
+    values = CAMERA.intrinsics * [1.05, 1.05, 1, 1, 1, 1, 1, 1, 1]
+    found = detect(find_pictures([folder]), CHESSBOARD, Camera(320, 240, values))
+    assert any(f"(fx {values[0]:.1f} →" in note for note in found.assessment.notes)
+    assert found.assessment.level == "care"
+
+
 def test_no_board_anywhere_says_what_there_was(folder: Path):
     with pytest.raises(InputError, match="6x5 inner corners instead of 7x4"):
         detect(find_pictures([folder / "good_0.png"]), Chessboard(7, 4, 0.03))
