@@ -28,6 +28,7 @@ ROWS = (
     {"solver"},
     {"simulation"},
     {"trust"},
+    {"check"},
     {"view"},
     {"job"},
     {"pose_calibration"},

@@ -56,6 +56,8 @@ from suta_calib.view.server import Viewer
 DataSet = Literal["calibration", "validation"]
 # Who writes an answer as a page, and is made of answers.
 _PAGES: Final = "suta_calib.report.notebook"
+# Who checks it later, and is made of trust.
+_CHECKER: Final = "suta_calib.check"
 
 
 def _with_what_is_held_out(spec: JobSpec) -> JobSpec:
@@ -382,6 +384,23 @@ class Calibration(Displayable):
             return calibration_scene(job.arm, job.validation, *values)
         values = accuracy.nominal_values, self.solution.values
         return calibration_scene(job.arm, job.observations, *values)
+
+    def check(self, terms: Term | Sequence[Term], *, false_alarm: float = 0.01) -> Any:
+        """Whether this calibration still holds for new rows, and what changed if not.
+
+        Args:
+            terms: new rows, over the same arm, of kinds that were calibrated.
+            false_alarm: probability that sound rows are said to show a change.
+
+        Returns:
+            A `suta_calib.check.Check`; its ``assessment`` says it in a sentence.
+
+        Raises:
+            UnusableResultError: this calibration must not be used.
+            InputError: rows of another arm, or of a kind that was not calibrated.
+        """
+        refuse_unusable(self.assessment, self.job.spec.path)
+        return named(_CHECKER, "Checker")(self.solution).check(terms, false_alarm)
 
     def plot(self, data: DataSet | None = None, ax: Any = None) -> Any:
         """Draw the arm, what was touched or seen, and magnified errors before and after, mm.

@@ -285,12 +285,14 @@ class _Trial:
         return float(self.score @ self.score)
 
     def evidence(self, fit: LinearFit, design: float, tried: int) -> Evidence | None:
-        freedom = fit.rows - fit.spent - self.rank
-        if freedom < 1.0:
-            return None
-        left = max(fit.squares - self.gain, 1e-12 * fit.squares, 1e-300)
-        noise = left / freedom
-        # `left` sums over all rows, of which only some are independent.
+        if fit.noise_freedom is not None:
+            noise, freedom = 1.0, fit.noise_freedom
+        else:
+            freedom = fit.rows - fit.spent - self.rank
+            if freedom < 1.0:
+                return None
+            noise = max(fit.squares - self.gain, 1e-12 * fit.squares, 1e-300) / freedom
+        # What is left of the squares sums over all rows, of which only some are independent.
         ratio = self.gain / self.rank / noise / design
         p = float(fdtrc(self.rank, freedom, ratio))
         p = max(p, self._p_by_cluster(fit)) if p * tried < SUPPORTED else p
@@ -373,7 +375,8 @@ def _determined(
         independent = 1e-6
         scale, least = 1.0 / np.sqrt(np.maximum(alone, 1e-300)), independent
     else:
-        noise = fit.squares / max(fit.rows - fit.spent, 1.0)
+        told = fit.noise_freedom is not None
+        noise = 1.0 if told else fit.squares / max(fit.rows - fit.spent, 1.0)
         scale = np.broadcast_to(effect.plausible, alone.shape)
         least = noise / TELLING**2
     scaled = curvature * scale[..., :, None] * scale[..., None, :]

@@ -116,18 +116,24 @@ def extended_problem(
     solution: Solution, candidates: Sequence[str] = ()
 ) -> tuple[Problem, FloatArray]:
     """The problem with all of the geometry and the candidates unknown, at the same point."""
-    arm, fitted, values = solution.problem.arm, solution.problem.arm_parameters, solution.values
+    values = solution.values
+    extended = Problem(solution.problem.terms, with_geometry(solution.problem, candidates))
+    if solution.weights is not None:
+        extended = extended.with_thresholds(solution.weights.thresholds)
+    start = [values.get(p.name, p.nominal) for p in extended.parameters.values()]
+    return extended, np.array(start)
+
+
+def with_geometry(problem: Problem, candidates: Sequence[str] = ()) -> ParameterSet:
+    """The arm's parameters of a problem, with all of the geometry and the candidates."""
+    arm, fitted = problem.arm, problem.arm_parameters
     assert arm is not None
     more = [
         p
         for n, p in arm.offered.items()
         if n not in fitted and (n in arm.geometric or p.key == OFFSET or n in candidates)
     ]
-    extended = Problem(solution.problem.terms, ParameterSet([*fitted.values(), *more]))
-    if solution.weights is not None:
-        extended = extended.with_thresholds(solution.weights.thresholds)
-    start = [values.get(p.name, p.nominal) for p in extended.parameters.values()]
-    return extended, np.array(start)
+    return ParameterSet([*fitted.values(), *more])
 
 
 def effective_unknowns(solution: Solution) -> float:

@@ -176,8 +176,8 @@ def held_out_errors(solution: Solution, accuracy: Accuracy) -> tuple[HeldOutErro
     arm = solution.problem.arm_parameters
     held_out = Problem(validation, arm)
     x = np.array([accuracy.held_out_values[name] for name in held_out.names])
-    fitted = _fitted_levels(solution)
-    sorts = [_sort(term, block) for term in held_out.terms for block in term.blocks]
+    fitted = fitted_levels(solution)
+    sorts = [sort_of(term, block) for term in held_out.terms for block in term.blocks]
     assumed = zip(held_out.blocks, sorts, held_out.assumed_sigmas(), strict=True)
     sigmas = [fitted[s] * b.typical if s in fitted else sigma for b, s, sigma in assumed]
     rows = whitened_rows(held_out, x, sigmas)
@@ -205,7 +205,7 @@ def held_out_errors(solution: Solution, accuracy: Accuracy) -> tuple[HeldOutErro
                     block.residual_after,
                     deviation,
                     by_parameters,
-                    fitted.get(_sort(term, of), math.nan) * of.typical,
+                    fitted.get(sort_of(term, of), math.nan) * of.typical,
                     place[block.rows[:, 0]],
                     min(clusters, len(block.rows)),
                     next(levels),
@@ -231,13 +231,13 @@ def _reaches(solution: Solution, terms: Sequence[Term]) -> Iterator[tuple[Term, 
             yield term, block, of.line.sigma * reach
 
 
-def _sort(term: Term, block: Block) -> tuple[str, str, bool]:
+def sort_of(term: Term, block: Block) -> tuple[str, str, bool]:
     """What blocks must have in common to scatter alike: rows that state how they do, or do not."""
     return term.kind, block.name, block.relative.size > 1
 
 
-def _fitted_levels(solution: Solution) -> dict[tuple[str, str, bool], float]:
-    """What fitted residuals scatter by `_sort`, what the fit took from them given back.
+def fitted_levels(solution: Solution) -> dict[tuple[str, str, bool], float]:
+    """What fitted residuals scatter by `sort_of`, what the fit took from them given back.
 
     Where rows state what they scatter, a factor on that.
 
@@ -250,7 +250,7 @@ def _fitted_levels(solution: Solution) -> dict[tuple[str, str, bool], float]:
     for term in problem.terms:
         for block in term.blocks:
             residual = next(lines).residual / block.typical
-            together.setdefault(_sort(term, block), []).append(residual)
+            together.setdefault(sort_of(term, block), []).append(residual)
     rows = sum(r.size for parts in together.values() for r in parts)
     left = max(rows - effective_unknowns(solution), rows / 10) / rows
     levels = {}

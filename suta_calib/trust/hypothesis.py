@@ -63,6 +63,8 @@ class Hypothesis(ABC):
         worth, times_std, false_alarm: thresholds that replace those of the `Rule` where they are
             less; the module says why.
         confirmed_later: whether other tests must confirm it, so that it is no `strongest_cause`.
+        checked_as: what `check` calls it where it may be new since a calibration; empty where the
+            parameters of the arm and of the terms describe it, or where it does not come later.
     """
 
     name: ClassVar[str]
@@ -75,6 +77,7 @@ class Hypothesis(ABC):
     worth: ClassVar[float] = 1.0
     times_std: ClassVar[float] = math.inf
     false_alarm: ClassVar[float] = 1.0
+    checked_as: ClassVar[str] = ""
 
     def applies(self, problem: Problem) -> bool:
         """Whether an answer of this problem can have it."""

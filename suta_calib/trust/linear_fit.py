@@ -40,6 +40,8 @@ class LinearFit(Displayable):
         row: (m,) number of the row that each component is in, from 0 on, for `robust`.
         threshold: (rows,) of Huber's loss, in units of the noise, for `robust`.
         chain: (m,) number of the chain of a robot that each row is of, from 0; None of one arm.
+        noise_freedom: degrees of freedom of a noise that is one, because other rows told it; None
+            where these rows tell it themselves.
     """
 
     jacobian: FloatArray
@@ -53,6 +55,7 @@ class LinearFit(Displayable):
     row: IntArray | None = None
     threshold: FloatArray | None = None
     chain: IntArray | None = None
+    noise_freedom: float | None = None
 
     @classmethod
     def of_rows(

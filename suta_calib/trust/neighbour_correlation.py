@@ -18,6 +18,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise, product
+from typing import Any
 
 import numpy as np
 from scipy.linalg import solve_triangular
@@ -89,7 +90,7 @@ class _Correlation:
 
 
 @dataclass(frozen=True, eq=False)
-class _Freed:
+class Freed:
     """Rows freed of their correlation, and what its likelihood needs beside their squares.
 
     Attributes:
@@ -101,6 +102,27 @@ class _Freed:
     fit: LinearFit
     freedom: int
     volume: float
+
+    @classmethod
+    def of(cls, every: FloatArray, fit: LinearFit, volume: float, **more: Any) -> Freed:
+        """Of the columns of a fit with its residuals, (m, p + 1), freed of their correlation.
+
+        Args:
+            every: these.
+            fit: it.
+            volume: logarithm of the determinant of the rows' covariance.
+            more: attributes of the `LinearFit`.
+        """
+        freed = LinearFit(every[:, :-1], every[:, -1], fit.prior, fit.away, **more)
+        curvature = freed.information + np.diag(fit.prior)
+        scale = np.sqrt(np.maximum(np.diag(curvature), 1e-300))
+        values = np.linalg.eigvalsh(curvature / np.outer(scale, scale))
+        # Undetermined directions without a prior do not count.
+        volume += float(np.sum(np.log(values[values > 1e-12])))
+        volume += 2.0 * float(np.sum(np.log(scale[scale > 1e-9])))
+        volume -= float(np.sum(np.log(fit.prior[fit.prior > 0])))
+        fixed = int(np.count_nonzero((fit.prior == 0) & (scale > 1e-9)))
+        return cls(freed, max(len(every) - fixed, 1), volume)
 
     @property
     def of_this_noise(self) -> float:
@@ -158,7 +180,7 @@ class _Rows:
             blocks.append(_Block(components, weight, np.sqrt(chords), soon))
         return cls(blocks)
 
-    def freed(self, fit: LinearFit, correlation: _Correlation) -> _Freed:
+    def freed(self, fit: LinearFit, correlation: _Correlation) -> Freed:
         """These rows of a fit, where they are so correlated."""
         parts, volume = list[FloatArray](), 0.0
         both = np.hstack([fit.jacobian, fit.residual[:, None]])
@@ -172,16 +194,4 @@ class _Rows:
             volume += 2.0 * size * float(np.sum(np.log(np.diag(root))))
         every = np.vstack(parts)
         rows_at_most = min(float(len(every)), fit.rows)
-        prior = fit.prior
-        freed = LinearFit(
-            every[:, :-1], every[:, -1], prior, fit.away, independent_rows=rows_at_most
-        )
-        curvature = freed.information + np.diag(prior)
-        scale = np.sqrt(np.maximum(np.diag(curvature), 1e-300))
-        values = np.linalg.eigvalsh(curvature / np.outer(scale, scale))
-        # Undetermined directions without a prior do not count.
-        volume += float(np.sum(np.log(values[values > 1e-12])))
-        volume += 2.0 * float(np.sum(np.log(scale[scale > 1e-9])))
-        volume -= float(np.sum(np.log(prior[prior > 0])))
-        fixed = int(np.count_nonzero((prior == 0) & (scale > 1e-9)))
-        return _Freed(freed, max(len(every) - fixed, 1), volume)
+        return Freed.of(every, fit, volume, independent_rows=rows_at_most)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Final
 
@@ -29,7 +30,10 @@ def thinned(solution: Solution) -> Solution:
     whose rows look at several samples, such as distances, are kept as they are.
     """
     problem = solution.problem
-    terms = [_of_fewer_corners(_thinned(term)) for term in problem.terms]
+    terms = [
+        of_fewer_corners(_thinned(term), max(ENOUGH_CORNERS, MOST_SAMPLES // len(term.poses)))
+        for term in problem.terms
+    ]
     if all(a is b for a, b in zip(terms, problem.terms, strict=True)):
         return solution
     fewer = Problem(terms, problem.arm_parameters)
@@ -52,15 +56,14 @@ def _thinned(term: Term) -> Term:
     return term.take(np.unique(np.concatenate(rows)))
 
 
-def _of_fewer_corners(term: Term) -> Term:
-    """The same pictures by fewer of their corners, those of one random choice from the board.
+def of_fewer_corners(term: Term, most: int) -> Term:
+    """The same pictures by at most so many of their corners, of one random choice from the board.
 
     A choice by counting would meet the board's columns, and might be one of them: a line.
     """
     samples = term.poses.samples
     if samples.pixels is None:
         return term
-    most = max(ENOUGH_CORNERS, MOST_SAMPLES // len(samples))
     order = np.random.default_rng(0).permutation(samples.pixels.shape[1])
     detected = np.isfinite(samples.pixels[:, order]).all(axis=2)
     left_out = np.cumsum(detected, axis=1) > most
@@ -69,3 +72,22 @@ def _of_fewer_corners(term: Term) -> Term:
     pixels = samples.pixels.copy()
     pixels[:, order] = np.where(left_out[:, :, None], np.nan, pixels[:, order])
     return term.over_poses(term.poses.with_samples(replace(samples, pixels=pixels)))
+
+
+def spread_out(terms: Sequence[Term], most: int) -> list[Term]:
+    """Some samples of each term, a random choice, with no more than so many residuals in all.
+
+    Of pictures there are at most `ENOUGH_CORNERS` corners each.
+    """
+    terms = [of_fewer_corners(term, ENOUGH_CORNERS) for term in terms]
+    count = [sum(len(block) * block.size for block in term.blocks) for term in terms]
+    share, chosen = most / max(sum(count), 1), list[Term]()
+    if share >= 1.0:
+        return terms
+    for term in terms:
+        pairs = any(block.samples.shape[1] > 1 for block in term.blocks)
+        # Of distances between touches, half as many touches leave a quarter.
+        kept = max(round(len(term.poses) * (share**0.5 if pairs else share)), 1)
+        rows = np.random.default_rng(0).permutation(len(term.poses))[:kept]
+        chosen.append(term.take(np.sort(rows)))
+    return chosen

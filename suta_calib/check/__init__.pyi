@@ -1,0 +1,5 @@
+from .checking import FALSE_ALARM as FALSE_ALARM
+from .checking import Check as Check
+from .checking import Checker as Checker
+from .checking import FoundChange as FoundChange
+from .checking import FoundPower as FoundPower

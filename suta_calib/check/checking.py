@@ -1,0 +1,502 @@
+"""A check: does everything that was calibrated still hold for new rows, and if not, what changed?
+
+New rows have, at the calibrated parameters, residuals r whose covariance is known if nothing
+changed (`error_model`). Freed of it they are a `LinearFit`, whose unknowns are what the rows alone
+must tell (where an artefact stands now). Everything that may have changed is an effect beside it
+(`suspects`), weighed by the one test of `trust.evidence` with the noise of the calibration, and all
+of them together have one false-alarm rate (`family`). What explains the rows best, for its few
+numbers, is named (Schwarz 1978, doi:10.1214/aos/1176344136), the parameters are moved by it, and
+what is left is asked again. A row that alone explains them better is a bad row, and is left out.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Final
+
+import numpy as np
+from scipy.linalg import solve_triangular
+from scipy.special import chdtri
+
+from suta_calib.arrays import FloatArray, IntArray
+from suta_calib.assessment import Assessment
+from suta_calib.check.error_model import ErrorModel
+from suta_calib.check.family import Family
+from suta_calib.check.new_rows import NewRows
+from suta_calib.check.row_errors import RowErrors
+from suta_calib.check.suspects import Suspect, suspect_of, suspects_of
+from suta_calib.display import Displayable
+from suta_calib.errors import SamplesError
+from suta_calib.solver.artefact_and_scale import artefact_errors
+from suta_calib.solver.solution import Solution
+from suta_calib.terms.term import Term
+from suta_calib.threads import single_threaded
+from suta_calib.trust.evidence import Effect, Evidence, weigh_effects
+from suta_calib.trust.examination import Examination
+from suta_calib.trust.held_out import sort_of
+from suta_calib.trust.linear_fit import LinearFit
+from suta_calib.units import Unit, text
+from suta_calib.words import enumerated, listed
+
+FALSE_ALARM: Final = 0.01
+# Probability with which a change of the size of `Power` is found.
+POWER: Final = 0.9
+# Changes that a few rows can tell from each other.
+_MOST_CHANGES: Final = 3
+# Share of the samples that may be bad; samples below which none is told from a change.
+_MOST_BAD: Final = 0.25
+_FEWEST: Final = 4
+# By how much less than the best a suspect may explain that explains as much: chance of two numbers.
+_AS_MUCH: Final = float(chdtri(2, 0.01))
+UNKNOWN: Final = "something else"
+
+
+@dataclass(frozen=True, eq=False)
+class FoundChange(Displayable):
+    """What changed since the calibration.
+
+    Attributes:
+        what: ``base``, ``tip``, ``instrument``, ``camera``, ``board``, ``placement``, ``joint
+            NAME``, ``link NAME``, ``scale``, or `UNKNOWN` where the rows agree with no single one.
+        amounts: by how much, and the standard deviation of that, by unit, SI.
+        p: chance of rows so far off if nothing changed, allowing for all tests.
+        instead: what explains the rows nearly as well.
+        names: parameters that describe it; empty where none do.
+        at_tip: by how much it moves the tips of these rows, RMS, m; NaN where they do not move.
+    """
+
+    what: str
+    amounts: Mapping[Unit, tuple[float, float]]
+    p: float
+    instead: tuple[str, ...] = ()
+    names: tuple[str, ...] = ()
+    at_tip: float = math.nan
+
+    @property
+    def amount(self) -> str:
+        """``1.02 ± 0.08 mm and 0.10 ± 0.03°``."""
+        return enumerated([_with_std(*amount, unit) for unit, amount in self.amounts.items()])
+
+    @property
+    def sentence(self) -> str:
+        """What changed by how much, and what cannot be told from it."""
+        if self.what == UNKNOWN:
+            return (
+                "The rows do not agree with the calibration, and no single change explains them. "
+                "Measure again, or calibrate again."
+            )
+        moved = (
+            ""
+            if math.isnan(self.at_tip)
+            else f": {text(self.at_tip, 'm', with_unit=True)} at the tip"
+        )
+        first = f"The {self.what} changed by {self.amount}{moved}."
+        if not self.instead:
+            return first
+        others = enumerated(self.instead, "or")
+        return f"{first} These rows cannot tell it from a change of the {others}."
+
+
+@dataclass(frozen=True, eq=False)
+class FoundPower(Displayable):
+    """What change these rows would have shown.
+
+    Attributes:
+        what: as of `FoundChange`.
+        amounts: found with the probability `POWER` wherever it points, by unit; inf where one in
+            some direction does not show.
+    """
+
+    what: str
+    amounts: Mapping[Unit, float]
+
+
+@dataclass(frozen=True, eq=False)
+class Check(Displayable):
+    """The answer of a check.
+
+    Attributes:
+        changed: what changed, most certain first.
+        power: what these rows would have shown.
+        bad_rows: rows that agree neither with the calibration nor with any change, by file and row.
+        p: chance of rows so far off if nothing changed.
+        rows: how many there are.
+        false_alarm: rate that was asked for.
+        values: of all parameters of the rows, with what changed.
+        notes: what must be known of it.
+        before, after: RMS of the errors of each term's first block, m or rad, with the calibration
+            as it was, and with what changed.
+    """
+
+    changed: tuple[FoundChange, ...]
+    power: tuple[FoundPower, ...]
+    bad_rows: tuple[str, ...]
+    p: float
+    rows: int
+    false_alarm: float
+    values: Mapping[str, float]
+    notes: tuple[str, ...] = ()
+    before: tuple[tuple[str, float, Unit], ...] = ()
+    after: tuple[tuple[str, float, Unit], ...] = ()
+
+    @property
+    def unchanged(self) -> bool:
+        """Whether nothing changed that these rows would show."""
+        return not self.changed
+
+    @property
+    def assessment(self) -> Assessment:
+        """``bad`` where something changed: the calibration must not be used as it is."""
+        if self.changed:
+            return Assessment.of(
+                f"{enumerated([c.what for c in self.changed])} changed since the calibration",
+                bad=[change.sentence for change in self.changed],
+                care=self._care,
+            )
+        return Assessment.of(
+            "nothing changed that these rows would show", care=self._care, facts=self._facts
+        )
+
+    @property
+    def _care(self) -> list[str]:
+        notes = [*self.notes]
+        if self.bad_rows:
+            notes.append(
+                f"{listed(self.bad_rows)} agree{'s' * (len(self.bad_rows) == 1)} with nothing else "
+                "and was left out: a bad row, no change. Measure it again."
+            )
+        return notes
+
+    @property
+    def _facts(self) -> list[str]:
+        told = [p for p in self.power if all(map(math.isfinite, p.amounts.values()))]
+        return [
+            f"The {p.what} would have shown a change of "
+            f"{enumerated([text(a, unit, with_unit=True) for unit, a in p.amounts.items()], 'or')}."
+            for p in told[:3]
+        ]
+
+
+def _with_std(amount: float, std: float, unit: Unit) -> str:
+    return f"{text(amount, unit)} ± {text(std, unit, with_unit=True)}"
+
+
+@dataclass(frozen=True, eq=False)
+class Checker(Displayable):
+    """A calibration that new rows are held against.
+
+    Attributes:
+        solution: of the calibration.
+        known: values of its parameters now, where they are not those of the solution.
+        covariance: of the estimates now (n, n), in the problem's order, where it is another.
+    """
+
+    solution: Solution
+    known: Mapping[str, float] | None = None
+    covariance: FloatArray | None = None
+
+    @cached_property
+    def errors(self) -> ErrorModel:
+        """Of the calibrated rows."""
+        return ErrorModel.of(self.solution)
+
+    @property
+    def values(self) -> Mapping[str, float]:
+        """Of all parameters, now."""
+        return self.solution.values if self.known is None else self.known
+
+    @single_threaded
+    def check(self, terms: Term | Sequence[Term], false_alarm: float = FALSE_ALARM) -> Check:
+        """Hold new rows against the calibration.
+
+        Args:
+            terms: over the same arm, of kinds that were calibrated.
+            false_alarm: probability that sound rows are said to show a change.
+
+        Raises:
+            InputError: rows of another arm, or of a kind that was not calibrated.
+        """
+        terms = [terms] if isinstance(terms, Term) else list(terms)
+        self._check_kinds(terms)
+        return Checking(
+            self,
+            NewRows.beside(
+                Examination.of_poses(self.solution), terms, self.values, self.errors.levels
+            ),
+            false_alarm,
+        ).run()
+
+    def _check_kinds(self, terms: Sequence[Term]) -> None:
+        known = {sort[0] for sort in self.errors.levels}
+        for term in terms:
+            if any(sort_of(term, block) not in self.errors.levels for block in term.blocks):
+                raise SamplesError(
+                    f"rows of {term.kind}",
+                    f"rows of a kind that was calibrated: {enumerated(sorted(known), 'or')}",
+                    where="check",
+                )
+
+
+@dataclass(frozen=True, eq=False)
+class Checking:
+    """One check on its way.
+
+    Attributes:
+        checker: what new rows are held against.
+        start: the rows at the calibrated values.
+        false_alarm: rate.
+    """
+
+    checker: Checker
+    start: NewRows
+    false_alarm: float
+
+    @cached_property
+    def shared(self) -> RowErrors:
+        """What the rows share."""
+        return RowErrors.of(self.start.problem, self.start.x, self.start.rows)
+
+    @cached_property
+    def by_estimates(self) -> FloatArray:
+        """(m, m) covariance by what the calibration does not know, certified places included."""
+        solution, names = self.checker.solution, self.start.problem.names
+        place = {name: k for k, name in enumerate(solution.problem.names)}
+        both = [(k, place[name]) for k, name in enumerate(names) if name in place]
+        mine, theirs = np.array(both, dtype=np.intp).reshape(-1, 2).T
+        covariance = self.checker.covariance
+        if covariance is None:
+            covariance = solution.covariance_seen_by(self.start.problem.terms)
+        jacobian = self.start.jacobian[:, mine]
+        total = jacobian @ covariance[np.ix_(theirs, theirs)] @ jacobian.T
+        certified = artefact_errors(self.start.rows)
+        if certified is not None:
+            shift = np.vstack(certified.jacobian) * certified.sigma
+            total = total + shift @ shift.T
+        return np.asarray(total)
+
+    @cached_property
+    def by_noise(self) -> list[FloatArray]:
+        """(m, m) for each kind of noise."""
+        return self.checker.errors.covariances(
+            self.shared, self.start.jacobian, self.start.problem.names
+        )
+
+    @cached_property
+    def total(self) -> FloatArray:
+        """(m, m) covariance of the rows, on average over the kinds of noise."""
+        kinds = self.checker.errors.kinds
+        noise = sum(kind.weight * v for kind, v in zip(kinds, self.by_noise, strict=True))
+        return np.asarray(noise + self.by_estimates)
+
+    @cached_property
+    def own(self) -> IntArray:
+        """Parameters that only these rows tell."""
+        known = self.checker.values
+        problem = self.start.problem
+        return np.array(
+            [
+                k
+                for k, p in enumerate(problem.parameters.values())
+                if k >= problem.arm_count and p.free and p.name not in known
+            ],
+            dtype=np.intp,
+        )
+
+    def fit(self, rows: NewRows, kept: IntArray, freed: IntArray) -> tuple[LinearFit, FloatArray]:
+        """The rows (m',) freed of their covariance, with own and freed unknowns; the root of it."""
+        root = np.asarray(np.linalg.cholesky(self.total[np.ix_(kept, kept)]), dtype=float)
+        unknown = np.concatenate([self.own, freed])
+        both = np.hstack([rows.jacobian[np.ix_(kept, unknown)], rows.residual[kept, None]])
+        white = solve_triangular(root, both, lower=True, check_finite=False)
+        precision = rows.problem.prior_precision()[unknown]
+        precision[len(self.own) :] = 0.0
+        away = rows.x[unknown] - rows.problem.parameters.array("nominal")[unknown]
+        freedom = self.checker.errors.freedom
+        return (
+            LinearFit(white[:, :-1], white[:, -1], precision, away, noise_freedom=freedom),
+            root,
+        )
+
+    def run(self) -> Check:
+        """What changed."""
+        rows, kept = self.start, np.arange(len(self.start.residual))
+        freed, changes, bad = np.zeros(0, dtype=np.intp), list[FoundChange](), list[int]()
+        fit, root = self.fit(rows, kept, freed)
+        suspects = suspects_of(rows, self.checker.values)
+        evidence = weigh_effects(fit, _whitened(suspects, root, kept))
+        kinds = zip(self.checker.errors.kinds, self.by_noise, strict=True)
+        white = [(k.weight, k.freedom, _freed(root, v)) for k, v in kinds]
+        family = Family.of(fit, evidence, white, _freed(root, self.by_estimates), self.false_alarm)
+        power = tuple(_power(suspect_of(e), fit, e, family) for e in evidence)
+        p_first = min([family.p_of_all(fit), *(family.p_value(e.p_single) for e in evidence)])
+        extra = np.zeros((len(kept), 0))
+        while True:
+            certain = [e for e in evidence if family.p_value(e.p_single) < self.false_alarm]
+            row = self._bad_row(rows, fit, root, kept, bad, certain)
+            if row is not None:
+                bad.append(row)
+                kept = np.flatnonzero(~rows.samples[:, bad].any(axis=1))
+            elif certain and len(changes) < _MOST_CHANGES:
+                best = certain[0]
+                changes.append(self._change(best, certain, family, rows))
+                suspect = suspect_of(best)
+                if suspect.names:
+                    added = [rows.problem.names.index(name) for name in suspect.names]
+                    freed = np.concatenate([freed, np.array(added, dtype=np.intp)])
+                    rows = self._settled(rows, kept, freed)
+                else:
+                    extra = np.hstack([extra, suspect.columns])
+            else:
+                break
+            fit, root = self.fit(rows, kept, freed)
+            if extra.shape[1]:
+                fit = fit.beside(solve_triangular(root, extra[kept], lower=True))
+            chosen = {change.what for change in changes}
+            suspects = [s for s in suspects_of(rows, self.checker.values) if s.what not in chosen]
+            evidence = weigh_effects(fit, _whitened(suspects, root, kept))
+        if not changes and family.p_of_all(fit) < self.false_alarm:
+            changes.append(FoundChange(UNKNOWN, {}, family.p_of_all(fit)))
+        return Check(
+            tuple(changes),
+            power,
+            tuple(self._origin[k] for k in bad),
+            p_first,
+            len(self._origin),
+            self.false_alarm,
+            rows.values,
+            before=_errors_of(self.start),
+            after=_errors_of(rows),
+        )
+
+    @property
+    def _origin(self) -> list[str]:
+        """File and row of every sample."""
+        return [row for t in self.start.problem.terms for row in t.poses.samples.origin]
+
+    def _settled(self, rows: NewRows, kept: IntArray, freed: IntArray) -> NewRows:
+        """The rows where what changed, and what they alone tell, has been moved to fit them."""
+        unknown = np.concatenate([self.own, freed])
+        for _ in range(6):
+            fit, _ = self.fit(rows, kept, freed)
+            at = rows.x.copy()
+            at[unknown] += fit.step
+            rows = rows.moved_to(at)
+            # Of a step, in whitened units, that changes nothing.
+            if float(np.linalg.norm(fit.jacobian @ fit.step)) < 1e-3:
+                break
+        return rows
+
+    def _bad_row(
+        self,
+        rows: NewRows,
+        fit: LinearFit,
+        root: FloatArray,
+        kept: IntArray,
+        bad: Sequence[int],
+        certain: Sequence[Evidence],
+    ) -> int | None:
+        """A sample that alone explains more, for its few numbers, than any change."""
+        samples = rows.samples[kept]
+        there = np.flatnonzero(samples.any(axis=0))
+        count = samples.shape[1]
+        if len(there) < _FEWEST or len(bad) + 1 > max(_MOST_BAD * count, 1.0):
+            return None
+        effects = []
+        for k in there.tolist():
+            columns = _alone(samples[:, k])
+            white = solve_triangular(root, columns, lower=True, check_finite=False)
+            effects.append(Effect(str(k), white, about=k))
+        evidence = weigh_effects(fit, effects)
+        if not evidence or evidence[0].p_single * len(there) >= self.false_alarm:
+            return None
+        best = evidence[0]
+        if certain and certain[0].criterion(fit.rows) >= best.criterion(fit.rows):
+            return None
+        sample: int = best.effect.about
+        return sample
+
+    def _change(
+        self,
+        best: Evidence,
+        certain: Sequence[Evidence],
+        family: Family,
+        rows: NewRows,
+    ) -> FoundChange:
+        suspect = suspect_of(best)
+        alike = [suspect_of(e).what for e in certain[1:] if e.gain > best.gain - _AS_MUCH]
+        own_link = suspect.what.replace("joint ", "link ", 1)
+        return FoundChange(
+            suspect.what,
+            suspect.amounts(best.size, best.covariance),
+            family.p_value(best.p_single),
+            tuple(name for name in alike if name != own_link),
+            suspect.names,
+            _at_tip(suspect, best, rows),
+        )
+
+
+def _whitened(suspects: Sequence[Suspect], root: FloatArray, kept: IntArray) -> list[Effect]:
+    """Effects on the rows that are kept, freed of their covariance."""
+    if not suspects:
+        return []
+    every = np.hstack([s.columns for s in suspects])[kept]
+    white = solve_triangular(root, every, lower=True, check_finite=False)
+    effects, first = [], 0
+    for suspect in suspects:
+        end = first + suspect.columns.shape[1]
+        effects.append(replace(suspect.effect, columns=white[:, first:end]))
+        first = end
+    return effects
+
+
+def _freed(root: FloatArray, covariance: FloatArray) -> FloatArray:
+    """(m, m) a covariance of rows that are freed of another."""
+    half = solve_triangular(root, covariance, lower=True, check_finite=False)
+    return np.asarray(solve_triangular(root, half.T, lower=True, check_finite=False))
+
+
+def _alone(looks: FloatArray) -> FloatArray:
+    """(m, d) a number of its own for each component that looks at a sample."""
+    at = np.flatnonzero(looks)
+    columns = np.zeros((len(looks), len(at)))
+    columns[at, np.arange(len(at))] = 1.0
+    return columns
+
+
+def _power(suspect: Suspect, fit: LinearFit, evidence: Evidence, family: Family) -> FoundPower:
+    """The smallest changes, wherever they point, that these rows would have shown."""
+    curvature = fit.curvature(evidence.effect.columns)
+    least = family.seen(evidence.rank, POWER)
+    if suspect.motion is not None:
+        back = np.linalg.pinv(suspect.motion)
+        curvature = back.T @ curvature @ back
+    amounts = dict[Unit, float]()
+    for unit, part in suspect.parts:
+        weakest = float(np.linalg.eigvalsh(curvature[np.ix_(part, part)])[0])
+        strongest = float(np.max(np.diag(curvature)[part]))
+        # Of the strongest direction, what is rounding.
+        amounts[unit] = math.sqrt(least / weakest) if weakest > 1e-9 * strongest else math.inf
+    return FoundPower(suspect.what, amounts)
+
+
+def _at_tip(suspect: Suspect, evidence: Evidence, rows: NewRows) -> float:
+    """RMS by which the tips of the rows move with a change of the arm, m; NaN of another one."""
+    arm = rows.problem.arm_parameters
+    if not suspect.names or not all(name in arm for name in suspect.names):
+        return math.nan
+    at = [rows.problem.names.index(name) for name in suspect.names]
+    moved = (rows.table.velocity[:, at] @ evidence.size).reshape(-1, 6)[:, :3]
+    return float(np.sqrt(np.mean(np.sum(moved**2, axis=1))))
+
+
+def _errors_of(rows: NewRows) -> tuple[tuple[str, float, Unit], ...]:
+    """Kind, RMS of the errors, and unit, of the first block of each term."""
+    answer, blocks = list[tuple[str, float, Unit]](), iter(rows.rows)
+    for term in rows.problem.terms:
+        mine = [next(blocks) for _ in term.blocks]
+        errors = np.linalg.norm(mine[0].line.error, axis=1)
+        answer.append((term.kind, float(np.sqrt(np.mean(errors**2))), term.error_unit))
+    return tuple(answer)

@@ -1,0 +1,136 @@
+"""One false-alarm rate over everything that may have changed.
+
+Each suspect's gain has, without a change and given the noise, Fisher's distribution, and so has
+what is left of the rows as a whole (what is no single change). The smallest of these p-values is
+the test. Its distribution without a change is simulated from the known covariance: scores are
+drawn by each kind of noise as often as that is probable, with its variance as uncertain as it is
+(`error_model`). Many suspects look alike, so that they count as fewer independent tests than they
+are: so many as make the simulated rate exact (the effective number of tests of Nyholt 2004,
+doi:10.1086/383251, at the level that is asked for).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from scipy.special import fdtrc, fdtri, ncfdtrinc
+
+from suta_calib.arrays import FloatArray
+from suta_calib.trust.evidence import Evidence
+from suta_calib.trust.linear_fit import LinearFit
+
+# Draws beyond the level on which its threshold rests: known to a fifteenth.
+_BEYOND: Final = 200
+# Degrees of freedom that are as good as infinitely many.
+_MANY: Final = 1e5
+
+
+@dataclass(frozen=True, eq=False)
+class Family:
+    """All tests of one check.
+
+    Attributes:
+        false_alarm: rate over all of them.
+        freedom: of the noise.
+        tests: as how many independent ones they count.
+        of_all: numbers in the rows as a whole, beyond what they alone must tell.
+    """
+
+    false_alarm: float
+    freedom: float
+    tests: float
+    of_all: int
+
+    @classmethod
+    def of(
+        cls,
+        fit: LinearFit,
+        evidence: Sequence[Evidence],
+        kinds: Sequence[tuple[float, int, FloatArray]],
+        known: FloatArray,
+        false_alarm: float,
+    ) -> Family:
+        """The tests of a fit.
+
+        Args:
+            fit: of the whitened rows.
+            evidence: on every suspect.
+            kinds: of noise: weight, degrees of freedom, and the covariance (m, m) of the rows.
+            known: (m, m) covariance by the estimates, whose size is certain.
+            false_alarm: rate.
+        """
+        assert fit.noise_freedom is not None
+        freedom = min(fit.noise_freedom, _MANY)
+        of_all = max(round(len(fit.residual) - fit.spent), 1)
+        maps = [_scores(fit, e) for e in evidence]
+        draws = int(np.ceil(_BEYOND / false_alarm))
+        random, least = np.random.default_rng(0), list[FloatArray]()
+        basis = _basis(maps, len(fit.residual))
+        in_basis = [m @ basis for m in maps]
+        left = _projected(fit)
+        for weight, own_freedom, covariance in kinds:
+            count = max(round(weight * draws), 1)
+            scale = np.sqrt(own_freedom / random.chisquare(own_freedom, count))[:, None]
+            noise = random.standard_normal((count, basis.shape[1])) @ _root(basis, covariance).T
+            posed = random.standard_normal((count, basis.shape[1])) @ _root(basis, known).T
+            along = scale * noise + posed
+            p = np.ones(count)
+            for e, by_basis in zip(evidence, in_basis, strict=True):
+                gain = np.sum((along @ by_basis.T) ** 2, axis=1)
+                p = np.minimum(p, fdtrc(e.rank, freedom, gain / e.rank))
+            beyond = of_all - basis.shape[1]
+            every = np.sum(along**2, axis=1)
+            if beyond > 0:
+                whole = float(np.sum(left * covariance)) - float(
+                    np.sum((basis.T @ covariance) * basis.T)
+                )
+                every += scale[:, 0] ** 2 * whole / beyond * random.chisquare(beyond, count)
+            p = np.minimum(p, fdtrc(of_all, freedom, every / of_all))
+            least.append(p)
+        threshold = float(np.quantile(np.concatenate(least), false_alarm))
+        return cls(false_alarm, freedom, false_alarm / max(threshold, 1e-300), of_all)
+
+    def p_value(self, p_single: float) -> float:
+        """Of one test, allowing for all."""
+        return min(1.0, p_single * self.tests)
+
+    def p_of_all(self, fit: LinearFit) -> float:
+        """That the rows as a whole scatter so much, likewise."""
+        count = max(round(len(fit.residual) - fit.spent), 1)
+        return self.p_value(float(fdtrc(count, self.freedom, fit.squares / count)))
+
+    def seen(self, rank: int, power: float) -> float:
+        """Noncentrality of a test of so many numbers that is found with a probability."""
+        most = float(fdtri(rank, self.freedom, 1.0 - self.false_alarm / self.tests))
+        return float(ncfdtrinc(rank, self.freedom, 1.0 - power, most))
+
+
+def _scores(fit: LinearFit, evidence: Evidence) -> FloatArray:
+    """(rank, m) by which the whitened rows make an effect's scores: gain = |scores|²."""
+    values, vectors = np.linalg.eigh(evidence.covariance)
+    kept = np.argsort(values)[::-1][: evidence.rank]
+    axes = vectors[:, kept] * np.sqrt(np.maximum(values[kept], 0.0))
+    return np.asarray((fit.followed(evidence.effect.columns) @ axes).T)
+
+
+def _basis(maps: Sequence[FloatArray], count: int) -> FloatArray:
+    """(m, r) orthonormal, that all scores lie in."""
+    if not maps:
+        return np.zeros((count, 0))
+    vectors, values, _ = np.linalg.svd(np.vstack(maps).T, full_matrices=False)
+    # Of the largest singular value: less is rounding.
+    return np.asarray(vectors[:, values > 1e-9 * values[0]])
+
+
+def _root(basis: FloatArray, covariance: FloatArray) -> FloatArray:
+    """(r, r) F with F Fᵀ the covariance in a basis."""
+    values, vectors = np.linalg.eigh(basis.T @ covariance @ basis)
+    return np.asarray(vectors * np.sqrt(np.maximum(values, 0.0)))
+
+
+def _projected(fit: LinearFit) -> FloatArray:
+    """(m, m) what the rows' own unknowns leave of them."""
+    return np.eye(len(fit.residual)) - fit.jacobian @ fit.inverse @ fit.jacobian.T

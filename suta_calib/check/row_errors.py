@@ -1,0 +1,166 @@
+"""How rows err together: by the readings, by the tips, and by what a model lacks.
+
+A row's error is its own (an instrument's noise) or that of a touch, which all rows of the touch
+share. What the arm's model lacks, such as backlash or compliance, is taken to be an error of the
+joints: at every posture another one, or one that near postures share. Their covariances are the
+components of
+
+    V(θ) = V_own + θ_1 V_posture + θ_2 V_near(ℓ)
+
+each with a mean variance of one over the rows of the calibration.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Final
+
+import numpy as np
+
+from suta_calib.arrays import FloatArray, IntArray
+from suta_calib.solver.information import Rows
+from suta_calib.solver.problem import Problem
+from suta_calib.trust.examination import by_motion
+from suta_calib.trust.rich_data import LEVER
+
+# Variance of a row beside that of its touches, so that distances that repeat one another are no
+# contradiction by rounding.
+_ROUNDING: Final = 0.01
+
+
+@dataclass(frozen=True, eq=False)
+class RowErrors:
+    """What the components of whitened rows (m,) share.
+
+    Attributes:
+        own: (m, m) covariance of what each row or touch has for itself.
+        by_joint: (k, m, joints) derivative by the joint errors of each of up to k samples.
+        sample: (k, m) which samples these are.
+        readings: (samples, joints) of turns, rad, and of travels in units alike.
+        sliding: (joints,) which of these are travels.
+        posture: (samples,) number of the rest.
+    """
+
+    own: FloatArray
+    by_joint: FloatArray
+    sample: IntArray
+    readings: FloatArray
+    sliding: FloatArray
+    posture: IntArray
+
+    @classmethod
+    def of(cls, problem: Problem, x: FloatArray, rows: Sequence[Rows]) -> RowErrors:
+        """Those of a problem with all offsets of its arm, where it was linearised last."""
+        velocity = _by_joints(problem, x)
+        count = sum(r.line.residual.size for r in rows)
+        deep = max(r.line.view.block.samples.shape[1] for r in rows)
+        by_joint, sample = np.zeros((deep, count, velocity.shape[2])), np.zeros((deep, count))
+        own, first = np.eye(count), 0
+        for r in rows:
+            n, size = r.line.residual.shape
+            mine = slice(first, first + n * size)
+            looked_at = r.line.view.block.samples + r.line.view.first_sample
+            for k, members in enumerate(looked_at.T):
+                sample[k, mine] = np.repeat(members, size)
+            parts = _by_sample(r, velocity, looked_at)
+            by_joint[: len(parts), mine] = parts
+            if looked_at.shape[1] > 1:
+                shift = np.tile(np.eye(6)[:, :3], (len(velocity), 1, 1))
+                tips = _by_sample(r, shift, looked_at)
+                touches = _shared(tips, sample[:, mine], tips, sample[:, mine], None)
+                own[mine, mine] = touches / np.mean(np.diag(touches)) + _ROUNDING * np.eye(n * size)
+            first += n * size
+        starts = problem.evaluation.table.first.tolist()
+        posture = np.concatenate(
+            [a + t.poses.rests for (a, _), t in zip(pairwise(starts), problem.terms, strict=True)]
+        )
+        readings, sliding = _readings(problem)
+        return cls(own, by_joint, sample.astype(np.intp), readings, sliding, posture)
+
+    @property
+    def by_posture(self) -> FloatArray:
+        """(m, m) covariance where every posture has its own joint errors, of one rad."""
+        alike = (self.posture[:, None] == self.posture).astype(float)
+        return self.shared(self, alike)
+
+    def near(self, other: RowErrors, reach: float) -> FloatArray:
+        """(m, m') covariance with other rows where near postures share joint errors, of one rad.
+
+        Args:
+            other: rows.
+            reach: chord of turns by which they share a third.
+        """
+        difference = self.readings[:, None] - other.readings
+        turned = 2.0 * np.sin(difference / 2.0)
+        chords = np.where(self.sliding, difference, turned)
+        return self.shared(other, np.exp(-np.sqrt(np.sum(chords**2, axis=2)) / reach))
+
+    def shared(self, other: RowErrors, alike: FloatArray) -> FloatArray:
+        """(m, m') covariance where joint errors of samples correlate so (samples, samples')."""
+        return _shared(self.by_joint, self.sample, other.by_joint, other.sample, alike)
+
+    def take(self, kept: IntArray) -> RowErrors:
+        """Those of some components."""
+        return RowErrors(
+            self.own[np.ix_(kept, kept)],
+            self.by_joint[:, kept],
+            self.sample[:, kept],
+            self.readings,
+            self.sliding,
+            self.posture,
+        )
+
+
+def _shared(
+    left: FloatArray,
+    samples: IntArray | FloatArray,
+    right: FloatArray,
+    others: IntArray | FloatArray,
+    alike: FloatArray | None,
+) -> FloatArray:
+    """(m, m') sum over the samples of both rows; ``alike`` None: nothing but the same sample."""
+    total = np.zeros((left.shape[1], right.shape[1]))
+    for a, s in zip(left, samples, strict=False):
+        for b, t in zip(right, others, strict=False):
+            same = s[:, None] == t if alike is None else alike[np.ix_(s, t)]
+            total += (a @ b.T) * same
+    return total
+
+
+def _by_joints(problem: Problem, x: FloatArray) -> FloatArray:
+    """(samples, 6, joints) velocity of every tip by an error of each joint, as of a turn."""
+    table, arm = problem.evaluation.table, problem.arm
+    table.update(x)
+    count = len(table.position)
+    if arm is None:
+        # Poses that were measured err as a whole.
+        return np.tile(np.diag(np.repeat([LEVER, 1.0], 3)), (count, 1, 1))
+    at = [problem.names.index(name) for name in arm.offsets]
+    unit = [LEVER if problem.parameters[name].unit == "m" else 1.0 for name in arm.offsets]
+    return np.asarray(table.velocity[:, at].reshape(count, 6, len(at)) * np.array(unit))
+
+
+def _by_sample(rows: Rows, velocity: FloatArray, looked_at: IntArray) -> FloatArray:
+    """(k, n·d, joints) derivative of a block's rows by what moves each of their samples."""
+    samples, _, joints = velocity.shape
+    size = rows.line.residual.shape[1]
+    if looked_at.shape[1] == 1:
+        return by_motion([rows], velocity.reshape(-1, joints))[None]
+    # Each sample has columns of its own.
+    alone = np.zeros((samples, 6, samples, joints))
+    alone[np.arange(samples), :, np.arange(samples)] = velocity
+    every = by_motion([rows], alone.reshape(6 * samples, -1)).reshape(-1, samples, joints)
+    place = np.repeat(looked_at, size, axis=0)
+    return np.asarray([every[np.arange(len(every)), members] for members in place.T])
+
+
+def _readings(problem: Problem) -> tuple[FloatArray, FloatArray]:
+    """Readings (samples, joints) of all samples; and which are travels (joints,)."""
+    if problem.arm is None:
+        count = sum(len(term.poses) for term in problem.terms)
+        return np.zeros((count, 1)), np.zeros(1, dtype=bool)
+    sliding = np.array([problem.arm.units[joint] == "m" for joint in problem.arm.joints])
+    q = np.vstack([term.poses.samples.q for term in problem.terms])
+    return np.where(sliding, q / LEVER, q), sliding

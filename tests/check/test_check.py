@@ -1,0 +1,107 @@
+"""A calibration is held against a few new rows: what changed is named, and sound rows are quiet."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from functools import cache
+from typing import Any
+
+import numpy as np
+import pytest
+from simulated import Spread, arm_named, dh_parameters, fixed_point_scene, perturbed, tracked_scene
+
+from suta_calib import InputError, Problem, Solution, Term, solve
+from suta_calib.check import Check, Checker
+from suta_calib.terms import ArmPoses
+
+NOISE = 1e-4
+
+
+@cache
+def scene() -> tuple[Any, Term, list[Term]]:
+    """A tracked arm: what was calibrated, and twenty times ten rows of later days."""
+    arm = arm_named("suta")
+    truth = perturbed(dh_parameters(arm), 1, 1e-3, 3e-3)
+    tracked = tracked_scene(arm, truth, 240)
+    samples = tracked.samples(Spread(NOISE), seed=1)[0]
+    every = tracked.term(samples)
+    later = [every.take(np.arange(60 + 9 * k, 69 + 9 * k)) for k in range(20)]
+    return arm, every.take(np.arange(60)), later
+
+
+@cache
+def checker() -> Checker:
+    arm, fitted, _ = scene()
+    solution: Solution = solve(Problem([fitted], dh_parameters(arm)))
+    return Checker(solution)
+
+
+def with_joint_off(term: Term, joint: int, angle: float) -> Term:
+    assert isinstance(term.poses, ArmPoses)
+    samples = term.poses.samples
+    q = samples.q.copy()
+    q[:, joint] += angle
+    return term.over_poses(ArmPoses(term.poses.arm, replace(samples, q=q)))
+
+
+def shifted(term: Term, by: Any, rows: Any = slice(None)) -> Term:
+    samples = term.poses.samples
+    assert samples.position is not None
+    position = samples.position.copy()
+    position[rows] += by
+    return term.over_poses(term.poses.with_samples(replace(samples, position=position)))
+
+
+def checked(term: Term) -> Check:
+    return checker().check(term)
+
+
+def test_sound_rows_are_quiet() -> None:
+    found = [checked(term) for term in scene()[2]]
+    assert sum(not check.unchanged for check in found) <= 1
+    # Were the noise too small or too large, these would not be spread over all of 0 to 1.
+    assert float(np.median([check.p for check in found])) > 0.1
+
+
+@pytest.mark.parametrize("joint", range(1, 5))
+def test_a_joint_whose_zero_slipped_is_named(joint: int) -> None:
+    angle = math.radians(0.1)
+    check = checked(with_joint_off(scene()[2][0], joint, angle))
+    change = check.changed[0]
+    amount, std = change.amounts["rad"]
+    assert change.what == f"joint joint_{joint + 1}"
+    assert amount == pytest.approx(-angle, abs=4 * std)
+    assert change.p < 1e-4
+    assert not check.assessment.usable
+    assert change.what in check.assessment.notes[0]
+
+
+def test_an_instrument_that_was_moved_cannot_be_told_from_the_base() -> None:
+    (change,) = checked(shifted(scene()[2][1], [1e-3, 0.0, 0.0])).changed
+    assert {change.what, *change.instead} >= {"instrument", "base"}
+    assert change.amounts["m"][0] == pytest.approx(1e-3, abs=4 * change.amounts["m"][1])
+
+
+def test_a_bad_row_is_no_change() -> None:
+    check = checked(shifted(scene()[2][2], [0.0, 5e-3, 0.0], rows=3))
+    assert check.unchanged
+    assert check.bad_rows == (scene()[2][2].poses.samples.origin[3],)
+    assert check.assessment.level == "care"
+
+
+def test_these_rows_say_what_they_would_have_shown() -> None:
+    check = checked(scene()[2][3])
+    shown = {power.what: power.amounts for power in check.power}
+    assert 0.1e-3 < shown["instrument"]["m"] < 1e-3
+    # A change of that size is found in nine of ten, and half of it in few.
+    least = shown["joint joint_2"]["rad"]
+    for factor, most, fewest in ((1.0, 20, 15), (0.4, 10, 0)):
+        found = [checked(with_joint_off(t, 1, factor * least)).changed for t in scene()[2]]
+        assert fewest <= sum(map(bool, found)) <= most
+
+
+def test_rows_of_a_kind_that_was_not_calibrated_are_refused() -> None:
+    arm = arm_named("suta")
+    with pytest.raises(InputError, match="tracked_point"):
+        checked(fixed_point_scene(arm, {}, 4).exact())
