@@ -26,8 +26,7 @@ from suta_calib.assessment import Assessment
 from suta_calib.check.error_model import ErrorModel
 from suta_calib.check.family import Family
 from suta_calib.check.new_rows import NewRows
-from suta_calib.check.row_errors import RowErrors
-from suta_calib.check.suspects import Suspect, suspect_of, suspects_of
+from suta_calib.check.suspects import PLAUSIBLE, Suspect, suspect_of, suspects_of
 from suta_calib.display import Displayable
 from suta_calib.errors import SamplesError
 from suta_calib.solver.artefact_and_scale import artefact_errors
@@ -85,8 +84,8 @@ class FoundChange(Displayable):
         """What changed by how much, and what cannot be told from it."""
         if self.what == UNKNOWN:
             return (
-                "The rows do not agree with the calibration, and no single change explains them. "
-                "Measure again, or calibrate again."
+                "The rows do not agree with the calibration, and no single change explains them. They "
+                "may be of another arm or another result. Check that; else calibrate again."
             )
         moved = (
             ""
@@ -94,6 +93,11 @@ class FoundChange(Displayable):
             else f": {text(self.at_tip, 'm', with_unit=True)} at the tip"
         )
         first = f"The {self.what} changed by {self.amount}{moved}."
+        if any(abs(amount) > PLAUSIBLE.get(u, math.inf) for u, (amount, _) in self.amounts.items()):
+            first += (
+                " Nothing changes by so much unnoticed: look for another unit (samples are in m and "
+                "rad; a device may give mm), another arm or another result."
+            )
         if not self.instead:
             return first
         others = enumerated(self.instead, "or")
@@ -255,11 +259,6 @@ class Checking:
     false_alarm: float
 
     @cached_property
-    def shared(self) -> RowErrors:
-        """What the rows share."""
-        return RowErrors.of(self.start.problem, self.start.x, self.start.rows)
-
-    @cached_property
     def by_estimates(self) -> FloatArray:
         """(m, m) covariance by what the calibration does not know, certified places included."""
         solution, names = self.checker.solution, self.start.problem.names
@@ -273,7 +272,7 @@ class Checking:
         total = jacobian @ covariance[np.ix_(theirs, theirs)] @ jacobian.T
         certified = artefact_errors(self.start.rows)
         if certified is not None:
-            shift = np.vstack(certified.jacobian) * certified.sigma
+            shift = self.start.shared.combine(np.vstack(certified.jacobian)) * certified.sigma
             total = total + shift @ shift.T
         return np.asarray(total)
 
@@ -281,7 +280,7 @@ class Checking:
     def by_noise(self) -> list[FloatArray]:
         """(m, m) for each kind of noise."""
         return self.checker.errors.covariances(
-            self.shared, self.start.jacobian, self.start.problem.names
+            self.start.shared, self.start.jacobian, self.start.problem.names
         )
 
     @cached_property
@@ -305,84 +304,105 @@ class Checking:
             dtype=np.intp,
         )
 
-    def fit(self, rows: NewRows, kept: IntArray, freed: IntArray) -> tuple[LinearFit, FloatArray]:
-        """The rows (m',) freed of their covariance, with own and freed unknowns; the root of it."""
-        root = np.asarray(np.linalg.cholesky(self.total[np.ix_(kept, kept)]), dtype=float)
+    @cached_property
+    def root(self) -> FloatArray:
+        """(m, m) of `total`, lower."""
+        return np.asarray(np.linalg.cholesky(self.total), dtype=float)
+
+    def white(self, columns: FloatArray) -> FloatArray:
+        """(m, …) columns of the rows, freed of their covariance."""
+        freed = solve_triangular(self.root, columns, lower=True, check_finite=False)
+        return np.asarray(freed)
+
+    def fit(self, rows: NewRows, freed: IntArray, extra: FloatArray) -> LinearFit:
+        """The rows freed of their covariance.
+
+        Args:
+            rows: where they are linear.
+            freed: parameters that changed (k,), which follow beside those that are the rows' own.
+            extra: (m, j) what else they may have, such as a bad row.
+        """
         unknown = np.concatenate([self.own, freed])
-        both = np.hstack([rows.jacobian[np.ix_(kept, unknown)], rows.residual[kept, None]])
-        white = solve_triangular(root, both, lower=True, check_finite=False)
-        precision = rows.problem.prior_precision()[unknown]
-        precision[len(self.own) :] = 0.0
-        away = rows.x[unknown] - rows.problem.parameters.array("nominal")[unknown]
-        freedom = self.checker.errors.freedom
-        return (
-            LinearFit(white[:, :-1], white[:, -1], precision, away, noise_freedom=freedom),
-            root,
+        both = [rows.jacobian[:, unknown], extra, rows.residual[:, None]]
+        white = self.white(np.hstack(both))
+        more = np.zeros(len(freed) + extra.shape[1])
+        own = rows.problem.prior_precision()[self.own]
+        away = rows.x[self.own] - rows.problem.parameters.array("nominal")[self.own]
+        return LinearFit(
+            white[:, :-1],
+            white[:, -1],
+            np.concatenate([own, more]),
+            np.concatenate([away, more]),
+            noise_freedom=self.checker.errors.freedom,
         )
 
     def run(self) -> Check:
         """What changed."""
-        rows, kept = self.start, np.arange(len(self.start.residual))
-        freed, changes, bad = np.zeros(0, dtype=np.intp), list[FoundChange](), list[int]()
-        fit, root = self.fit(rows, kept, freed)
-        suspects = suspects_of(rows, self.checker.values)
-        evidence = weigh_effects(fit, _whitened(suspects, root, kept))
+        rows, freed = self.start, np.zeros(0, dtype=np.intp)
+        extra, bad, changes = np.zeros((len(rows.residual), 0)), list[int](), list[FoundChange]()
+        fit = self.fit(rows, freed, extra)
+        evidence = weigh_effects(fit, self._effects(suspects_of(rows, self.checker.values)))
         kinds = zip(self.checker.errors.kinds, self.by_noise, strict=True)
-        white = [(k.weight, k.freedom, _freed(root, v)) for k, v in kinds]
-        family = Family.of(fit, evidence, white, _freed(root, self.by_estimates), self.false_alarm)
+        white = [(kind.weight, kind.freedom, self._freed(v)) for kind, v in kinds]
+        family = Family.of(fit, evidence, white, self._freed(self.by_estimates), self.false_alarm)
         power = tuple(_power(suspect_of(e), fit, e, family) for e in evidence)
         p_first = min([family.p_of_all(fit), *(family.p_value(e.p_single) for e in evidence)])
-        extra = np.zeros((len(kept), 0))
         while True:
             certain = [e for e in evidence if family.p_value(e.p_single) < self.false_alarm]
-            row = self._bad_row(rows, fit, root, kept, bad, certain)
+            row = self._bad_row(fit, bad, certain)
             if row is not None:
                 bad.append(row)
-                kept = np.flatnonzero(~rows.samples[:, bad].any(axis=1))
+                extra = np.hstack([extra, self.start.shared.of_sample(row)])
             elif certain and len(changes) < _MOST_CHANGES:
-                best = certain[0]
-                changes.append(self._change(best, certain, family, rows))
-                suspect = suspect_of(best)
+                changes.append(_change(certain, family, rows))
+                suspect = suspect_of(certain[0])
                 if suspect.names:
                     added = [rows.problem.names.index(name) for name in suspect.names]
                     freed = np.concatenate([freed, np.array(added, dtype=np.intp)])
-                    rows = self._settled(rows, kept, freed)
+                    rows = self._settled(rows, freed, extra)
                 else:
                     extra = np.hstack([extra, suspect.columns])
             else:
                 break
-            fit, root = self.fit(rows, kept, freed)
-            if extra.shape[1]:
-                fit = fit.beside(solve_triangular(root, extra[kept], lower=True))
+            fit = self.fit(rows, freed, extra)
             chosen = {change.what for change in changes}
             suspects = [s for s in suspects_of(rows, self.checker.values) if s.what not in chosen]
-            evidence = weigh_effects(fit, _whitened(suspects, root, kept))
+            evidence = weigh_effects(fit, self._effects(suspects))
         if not changes and family.p_of_all(fit) < self.false_alarm:
             changes.append(FoundChange(UNKNOWN, {}, family.p_of_all(fit)))
+        origin = [row for t in self.start.problem.terms for row in t.poses.samples.origin]
         return Check(
             tuple(changes),
             power,
-            tuple(self._origin[k] for k in bad),
+            tuple(origin[k] for k in bad),
             p_first,
-            len(self._origin),
+            len(origin),
             self.false_alarm,
             rows.values,
             before=_errors_of(self.start),
             after=_errors_of(rows),
         )
 
-    @property
-    def _origin(self) -> list[str]:
-        """File and row of every sample."""
-        return [row for t in self.start.problem.terms for row in t.poses.samples.origin]
+    def _freed(self, covariance: FloatArray) -> FloatArray:
+        """(m, m) a covariance of the rows, freed of their total one."""
+        return self.white(self.white(covariance).T)
 
-    def _settled(self, rows: NewRows, kept: IntArray, freed: IntArray) -> NewRows:
+    def _effects(self, suspects: Sequence[Suspect]) -> list[Effect]:
+        """On the rows freed of their covariance."""
+        if not suspects:
+            return []
+        ends = np.cumsum([suspect.columns.shape[1] for suspect in suspects])
+        white = np.split(self.white(np.hstack([s.columns for s in suspects])), ends[:-1], axis=1)
+        return [replace(s.effect, columns=c) for s, c in zip(suspects, white, strict=True)]
+
+    def _settled(self, rows: NewRows, freed: IntArray, extra: FloatArray) -> NewRows:
         """The rows where what changed, and what they alone tell, has been moved to fit them."""
         unknown = np.concatenate([self.own, freed])
+        # A change that is no small one is found in a few steps.
         for _ in range(6):
-            fit, _ = self.fit(rows, kept, freed)
+            fit = self.fit(rows, freed, extra)
             at = rows.x.copy()
-            at[unknown] += fit.step
+            at[unknown] += fit.step[: len(unknown)]
             rows = rows.moved_to(at)
             # Of a step, in whitened units, that changes nothing.
             if float(np.linalg.norm(fit.jacobian @ fit.step)) < 1e-3:
@@ -390,27 +410,17 @@ class Checking:
         return rows
 
     def _bad_row(
-        self,
-        rows: NewRows,
-        fit: LinearFit,
-        root: FloatArray,
-        kept: IntArray,
-        bad: Sequence[int],
-        certain: Sequence[Evidence],
+        self, fit: LinearFit, bad: Sequence[int], certain: Sequence[Evidence]
     ) -> int | None:
         """A sample that alone explains more, for its few numbers, than any change."""
-        samples = rows.samples[kept]
-        there = np.flatnonzero(samples.any(axis=0))
-        count = samples.shape[1]
-        if len(there) < _FEWEST or len(bad) + 1 > max(_MOST_BAD * count, 1.0):
+        shared = self.start.shared
+        count = len(shared.posture)
+        if count < _FEWEST or len(bad) + 1 > max(_MOST_BAD * count, 1.0):
             return None
-        effects = []
-        for k in there.tolist():
-            columns = _alone(samples[:, k])
-            white = solve_triangular(root, columns, lower=True, check_finite=False)
-            effects.append(Effect(str(k), white, about=k))
+        columns = {k: shared.of_sample(k) for k in range(count) if k not in bad}
+        effects = [Effect(str(k), self.white(c), about=k) for k, c in columns.items() if c.size]
         evidence = weigh_effects(fit, effects)
-        if not evidence or evidence[0].p_single * len(there) >= self.false_alarm:
+        if not evidence or evidence[0].p_single * len(effects) >= self.false_alarm:
             return None
         best = evidence[0]
         if certain and certain[0].criterion(fit.rows) >= best.criterion(fit.rows):
@@ -418,52 +428,21 @@ class Checking:
         sample: int = best.effect.about
         return sample
 
-    def _change(
-        self,
-        best: Evidence,
-        certain: Sequence[Evidence],
-        family: Family,
-        rows: NewRows,
-    ) -> FoundChange:
-        suspect = suspect_of(best)
-        alike = [suspect_of(e).what for e in certain[1:] if e.gain > best.gain - _AS_MUCH]
-        own_link = suspect.what.replace("joint ", "link ", 1)
-        return FoundChange(
-            suspect.what,
-            suspect.amounts(best.size, best.covariance),
-            family.p_value(best.p_single),
-            tuple(name for name in alike if name != own_link),
-            suspect.names,
-            _at_tip(suspect, best, rows),
-        )
 
-
-def _whitened(suspects: Sequence[Suspect], root: FloatArray, kept: IntArray) -> list[Effect]:
-    """Effects on the rows that are kept, freed of their covariance."""
-    if not suspects:
-        return []
-    every = np.hstack([s.columns for s in suspects])[kept]
-    white = solve_triangular(root, every, lower=True, check_finite=False)
-    effects, first = [], 0
-    for suspect in suspects:
-        end = first + suspect.columns.shape[1]
-        effects.append(replace(suspect.effect, columns=white[:, first:end]))
-        first = end
-    return effects
-
-
-def _freed(root: FloatArray, covariance: FloatArray) -> FloatArray:
-    """(m, m) a covariance of rows that are freed of another."""
-    half = solve_triangular(root, covariance, lower=True, check_finite=False)
-    return np.asarray(solve_triangular(root, half.T, lower=True, check_finite=False))
-
-
-def _alone(looks: FloatArray) -> FloatArray:
-    """(m, d) a number of its own for each component that looks at a sample."""
-    at = np.flatnonzero(looks)
-    columns = np.zeros((len(looks), len(at)))
-    columns[at, np.arange(len(at))] = 1.0
-    return columns
+def _change(certain: Sequence[Evidence], family: Family, rows: NewRows) -> FoundChange:
+    """The best of some, and what explains nearly as much."""
+    best, suspect = certain[0], suspect_of(certain[0])
+    alike = [suspect_of(e).what for e in certain[1:] if e.gain > best.gain - _AS_MUCH]
+    # A link holds its joint's zero.
+    own_link = suspect.what.replace("joint ", "link ", 1)
+    return FoundChange(
+        suspect.what,
+        suspect.amounts(best.size, best.covariance),
+        family.p_value(best.p_single),
+        tuple(name for name in alike if name != own_link),
+        suspect.names,
+        _at_tip(suspect, best, rows),
+    )
 
 
 def _power(suspect: Suspect, fit: LinearFit, evidence: Evidence, family: Family) -> FoundPower:
@@ -478,7 +457,8 @@ def _power(suspect: Suspect, fit: LinearFit, evidence: Evidence, family: Family)
         weakest = float(np.linalg.eigvalsh(curvature[np.ix_(part, part)])[0])
         strongest = float(np.max(np.diag(curvature)[part]))
         # Of the strongest direction, what is rounding.
-        amounts[unit] = math.sqrt(least / weakest) if weakest > 1e-9 * strongest else math.inf
+        shown = math.sqrt(least / weakest) if weakest > 1e-9 * strongest else math.inf
+        amounts[unit] = shown if shown < PLAUSIBLE.get(unit, math.inf) else math.inf
     return FoundPower(suspect.what, amounts)
 
 

@@ -103,14 +103,14 @@ class ErrorModel:
             zip(solution.problem.names, solution.problem.prior_precision().tolist(), strict=True)
         )
         names = tuple(name for name in names if name in problem.parameters)
-        fit = _fit(rows, [problem.names.index(name) for name in names], [prior[n] for n in names])
+        at = [problem.names.index(name) for name in names]
+        fit = _fit(rows, errors, at, [prior[name] for name in names])
         by_posture, near = (
             errors.by_posture,
             {reach: errors.near(errors, reach) for reach in _REACH},
         )
         unit = float(np.mean(np.diag(by_posture))) or 1.0
-        weight = np.sqrt(_weights(rows))
-        own = errors.own / np.outer(weight, weight)
+        own = errors.own + _outlying(rows, errors)
         kinds = list[tuple[float, NoiseKind]]()
         for posture, common, reach in _choices():
             covariance = own + (posture * by_posture + common * near[reach]) / unit
@@ -191,15 +191,19 @@ def _choices() -> Iterator[tuple[float, float, float]]:
             yield posture, common, reach
 
 
-def _fit(rows: Sequence[Rows], free: Sequence[int], prior: Sequence[float]) -> LinearFit:
+def _fit(
+    rows: Sequence[Rows], errors: RowErrors, free: Sequence[int], prior: Sequence[float]
+) -> LinearFit:
     jacobian = np.vstack([r.jacobian[:, free] for r in rows])
     residual = np.concatenate([(r.line.residual / r.line.sigma[:, None]).ravel() for r in rows])
-    return LinearFit(jacobian, residual, np.array(prior))
+    return LinearFit(errors.combine(jacobian), errors.combine(residual), np.array(prior))
 
 
-def _weights(rows: Sequence[Rows]) -> FloatArray:
-    """(m,) Huber's weights of all components."""
-    return np.concatenate([np.repeat(r.line.weight, r.line.residual.shape[1]) for r in rows])
+def _outlying(rows: Sequence[Rows], errors: RowErrors) -> FloatArray:
+    """(c, c) variance by which rows beyond Huber's threshold scatter more."""
+    weight = [np.repeat(r.line.weight, r.line.residual.shape[1]) for r in rows]
+    more = np.diag(1.0 / np.concatenate(weight) - 1.0)
+    return errors.combine(errors.combine(more).T)
 
 
 def _likelihood(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
 
@@ -11,6 +11,7 @@ import numpy as np
 
 from suta_calib.arrays import FloatArray
 from suta_calib.check.error_model import levels_of, problem_beside
+from suta_calib.check.row_errors import RowErrors
 from suta_calib.solver.problem import Problem
 from suta_calib.terms.term import Term
 from suta_calib.trust.accuracy import fit_own
@@ -25,11 +26,13 @@ class NewRows(Examination):
         checked: their problem, with all of the arm's geometry.
         at: (p,) values of its parameters.
         levels: of noise, by sort of block.
+        errors: what the rows share, where it is known already.
     """
 
     checked: Problem | None = None
     at: FloatArray | None = None
     levels: Mapping[tuple[str, str, bool], float] | None = None
+    errors: RowErrors | None = None
 
     @classmethod
     def beside(
@@ -70,28 +73,25 @@ class NewRows(Examination):
         return self.problem.values(self.x)
 
     @cached_property
+    def shared(self) -> RowErrors:
+        """What the rows share."""
+        if self.errors is not None:
+            return self.errors
+        return RowErrors.of(self.problem, self.x, self.rows)
+
+    @cached_property
     def jacobian(self) -> FloatArray:
-        """(m, p) of the whitened rows by every parameter."""
-        return np.vstack([r.jacobian for r in self.rows])
+        """(c, p) of the whitened rows by every parameter, combined as `shared` does."""
+        return self.shared.combine(np.vstack([r.jacobian for r in self.rows]))
 
     @cached_property
     def residual(self) -> FloatArray:
-        """(m,) whitened."""
-        return np.concatenate(
-            [(r.line.residual / r.line.sigma[:, None]).reshape(-1) for r in self.rows]
+        """(c,) whitened, combined likewise."""
+        return self.shared.combine(
+            np.concatenate(
+                [(r.line.residual / r.line.sigma[:, None]).reshape(-1) for r in self.rows]
+            )
         )
-
-    @cached_property
-    def samples(self) -> FloatArray:
-        """(m, samples) whether each component looks at each sample."""
-        count = int(self.boundaries[-1])
-        parts = []
-        for r in self.rows:
-            looked_at = np.zeros((len(r.line.residual), count), dtype=bool)
-            for members in (r.line.view.block.samples + r.line.view.first_sample).T:
-                looked_at[np.arange(len(members)), members] = True
-            parts.append(np.repeat(looked_at, r.line.residual.shape[1], axis=0))
-        return np.vstack(parts)
 
     def tips_of(self, term: Term) -> FloatArray:
         """(n, 3) of the tips of a term in the base, m."""
@@ -104,11 +104,11 @@ class NewRows(Examination):
 
     def moved_to(self, at: FloatArray) -> NewRows:
         """The same rows at other values."""
-        return NewRows(self.solution, self.sigmas, checked=self.problem, at=at, levels=self.levels)
+        return replace(self, at=at, errors=self.shared)
 
     def with_terms(self, terms: Sequence[Term]) -> NewRows:
         """The same rows read with other assumptions, at the same values."""
         problem = Problem(terms, self.problem.arm_parameters)
         values = {p.name: p.nominal for p in problem.parameters.values()} | self.values
         at = np.array([values[name] for name in problem.names])
-        return NewRows(self.solution, self.sigmas, checked=problem, at=at, levels=self.levels)
+        return replace(self, checked=problem, at=at, errors=self.shared)

@@ -18,6 +18,7 @@ from itertools import pairwise
 from typing import Final
 
 import numpy as np
+from scipy.linalg import block_diag
 
 from suta_calib.arrays import FloatArray, IntArray
 from suta_calib.solver.information import Rows
@@ -25,26 +26,33 @@ from suta_calib.solver.problem import Problem
 from suta_calib.trust.examination import by_motion
 from suta_calib.trust.rich_data import LEVER
 
-# Variance of a row beside that of its touches, so that distances that repeat one another are no
-# contradiction by rounding.
-_ROUNDING: Final = 0.01
+# Of the largest variance, that of a combination of rows which no error of a touch moves: distances
+# between n touches are more rows than coordinates that were measured.
+_ROUNDING: Final = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
 class RowErrors:
     """What the components of whitened rows (m,) share.
 
+    Where rows look at several touches, only as many combinations of them (c,) count as were
+    measured.
+
     Attributes:
-        own: (m, m) covariance of what each row or touch has for itself.
+        combined: (c, m) orthonormal, these combinations; None where each row counts.
+        own: (c, c) covariance of what each row or touch has for itself.
         by_joint: (k, m, joints) derivative by the joint errors of each of up to k samples.
+        by_tip: (k, m, 3) derivative by where the tip is at each of them, m.
         sample: (k, m) which samples these are.
         readings: (samples, joints) of turns, rad, and of travels in units alike.
         sliding: (joints,) which of these are travels.
         posture: (samples,) number of the rest.
     """
 
+    combined: FloatArray | None
     own: FloatArray
     by_joint: FloatArray
+    by_tip: FloatArray
     sample: IntArray
     readings: FloatArray
     sliding: FloatArray
@@ -54,39 +62,51 @@ class RowErrors:
     def of(cls, problem: Problem, x: FloatArray, rows: Sequence[Rows]) -> RowErrors:
         """Those of a problem with all offsets of its arm, where it was linearised last."""
         velocity = _by_joints(problem, x)
+        shift = np.tile(np.eye(6)[:, :3], (len(velocity), 1, 1))
         count = sum(r.line.residual.size for r in rows)
         deep = max(r.line.view.block.samples.shape[1] for r in rows)
-        by_joint, sample = np.zeros((deep, count, velocity.shape[2])), np.zeros((deep, count))
-        own, first = np.eye(count), 0
+        sample = np.zeros((deep, count), dtype=np.intp)
+        by_joint, by_tip = (np.zeros((deep, count, v.shape[2])) for v in (velocity, shift))
+        parts, first = list[tuple[FloatArray, FloatArray]](), 0
         for r in rows:
             n, size = r.line.residual.shape
             mine = slice(first, first + n * size)
             looked_at = r.line.view.block.samples + r.line.view.first_sample
-            for k, members in enumerate(looked_at.T):
-                sample[k, mine] = np.repeat(members, size)
-            parts = _by_sample(r, velocity, looked_at)
-            by_joint[: len(parts), mine] = parts
-            if looked_at.shape[1] > 1:
-                shift = np.tile(np.eye(6)[:, :3], (len(velocity), 1, 1))
-                tips = _by_sample(r, shift, looked_at)
-                touches = _shared(tips, sample[:, mine], tips, sample[:, mine], None)
-                own[mine, mine] = touches / np.mean(np.diag(touches)) + _ROUNDING * np.eye(n * size)
+            members = looked_at.shape[1]
+            sample[:members, mine] = np.repeat(looked_at, size, axis=0).T
+            by_joint[:members, mine] = _by_sample(r, velocity, looked_at)
+            by_tip[:members, mine] = _by_sample(r, shift, looked_at)
+            if members > 1:
+                alike = np.eye(len(velocity))
+                tips, at = by_tip[:, mine], sample[:, mine]
+                touches = _shared(tips, at, tips, at, alike)
+                values, vectors = np.linalg.eigh(touches / np.mean(np.diag(touches)))
+                kept = values > _ROUNDING * values[-1]
+                parts.append((vectors[:, kept].T, values[kept]))
+            else:
+                parts.append((np.eye(n * size), np.ones(n * size)))
             first += n * size
+        combined = None if deep == 1 else block_diag(*(vectors for vectors, _ in parts))
+        own = np.diag(np.concatenate([values for _, values in parts]))
         starts = problem.evaluation.table.first.tolist()
         posture = np.concatenate(
             [a + t.poses.rests for (a, _), t in zip(pairwise(starts), problem.terms, strict=True)]
         )
         readings, sliding = _readings(problem)
-        return cls(own, by_joint, sample.astype(np.intp), readings, sliding, posture)
+        return cls(combined, own, by_joint, by_tip, sample, readings, sliding, posture)
+
+    def combine(self, columns: FloatArray) -> FloatArray:
+        """(c, …) of what all rows have (m, …)."""
+        return columns if self.combined is None else np.asarray(self.combined @ columns)
 
     @property
     def by_posture(self) -> FloatArray:
-        """(m, m) covariance where every posture has its own joint errors, of one rad."""
+        """(c, c) covariance where every posture has its own joint errors, of one rad."""
         alike = (self.posture[:, None] == self.posture).astype(float)
         return self.shared(self, alike)
 
     def near(self, other: RowErrors, reach: float) -> FloatArray:
-        """(m, m') covariance with other rows where near postures share joint errors, of one rad.
+        """(c, c') covariance with other rows where near postures share joint errors, of one rad.
 
         Args:
             other: rows.
@@ -98,34 +118,29 @@ class RowErrors:
         return self.shared(other, np.exp(-np.sqrt(np.sum(chords**2, axis=2)) / reach))
 
     def shared(self, other: RowErrors, alike: FloatArray) -> FloatArray:
-        """(m, m') covariance where joint errors of samples correlate so (samples, samples')."""
-        return _shared(self.by_joint, self.sample, other.by_joint, other.sample, alike)
+        """(c, c') covariance where joint errors of samples correlate so (samples, samples')."""
+        every = _shared(self.by_joint, self.sample, other.by_joint, other.sample, alike)
+        return other.combine(self.combine(every).T).T
 
-    def take(self, kept: IntArray) -> RowErrors:
-        """Those of some components."""
-        return RowErrors(
-            self.own[np.ix_(kept, kept)],
-            self.by_joint[:, kept],
-            self.sample[:, kept],
-            self.readings,
-            self.sliding,
-            self.posture,
-        )
+    def of_sample(self, number: int) -> FloatArray:
+        """(c, d) what one sample alone may move: its row, or where its touch was."""
+        if self.combined is None:
+            at = np.flatnonzero(self.sample[0] == number)
+            columns = np.zeros((len(self.own), len(at)))
+            columns[at, np.arange(len(at))] = 1.0
+            return columns
+        moved = np.sum(self.by_tip * (self.sample == number)[:, :, None], axis=0)
+        return self.combine(moved)
 
 
 def _shared(
-    left: FloatArray,
-    samples: IntArray | FloatArray,
-    right: FloatArray,
-    others: IntArray | FloatArray,
-    alike: FloatArray | None,
+    left: FloatArray, samples: IntArray, right: FloatArray, others: IntArray, alike: FloatArray
 ) -> FloatArray:
-    """(m, m') sum over the samples of both rows; ``alike`` None: nothing but the same sample."""
+    """(m, m') sum over the samples of both rows."""
     total = np.zeros((left.shape[1], right.shape[1]))
-    for a, s in zip(left, samples, strict=False):
-        for b, t in zip(right, others, strict=False):
-            same = s[:, None] == t if alike is None else alike[np.ix_(s, t)]
-            total += (a @ b.T) * same
+    for a, s in zip(left, samples, strict=True):
+        for b, t in zip(right, others, strict=True):
+            total += (a @ b.T) * alike[np.ix_(s, t)]
     return total
 
 

@@ -35,7 +35,7 @@ from suta_calib.units import Unit
 _WORDS: Final = {"eye": "camera", "target": "board", "base": "instrument"}
 _PLACEMENT: Final = "placement"
 # Changes that may have happened and be found in full, by unit: nobody overlooks larger ones.
-_PLAUSIBLE: Final[dict[Unit, float]] = {"m": 0.05, "rad": 0.1, "1": 0.05, "px": 50.0}
+PLAUSIBLE: Final[dict[Unit, float]] = {"m": 0.05, "rad": 0.1, "1": 0.05, "px": 50.0}
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,7 +59,7 @@ class Suspect(Displayable):
     @property
     def effect(self) -> Effect:
         """To be tested."""
-        plausible = np.array([_PLAUSIBLE.get(unit, 1.0) for unit in self.units])
+        plausible = np.array([PLAUSIBLE.get(unit, 1.0) for unit in self.units])
         return Effect(self.what, self.columns, plausible, parameters=self.names, about=self)
 
     def amounts(
@@ -111,10 +111,12 @@ def _group(rows: NewRows, what: str, names: Sequence[str], motion: FloatArray | 
 
 
 def _joints(rows: NewRows) -> Iterator[Suspect]:
-    """Zeros."""
-    for p in rows.problem.arm_parameters.values():
-        if p.key == OFFSET:
-            yield _group(rows, f"joint {p.owner}", [p.name], None)
+    """Zeros: of one joint, and of all, as of another day."""
+    offsets = [p for p in rows.problem.arm_parameters.values() if p.key == OFFSET]
+    for p in offsets:
+        yield _group(rows, f"joint {p.owner}", [p.name], None)
+    if len(offsets) > 1:
+        yield _group(rows, "zeros of all joints", [p.name for p in offsets], None)
 
 
 def _frames(rows: NewRows, known: Container[str]) -> Iterator[Suspect]:
@@ -210,7 +212,7 @@ def _scales(rows: NewRows) -> Iterator[Suspect]:
             for term in terms
         ]
         of = f" of the {carrier.what} {carrier.name}" if len(carriers) > 1 else ""
-        yield Suspect(f"scale{of}", rows.by_terms(longer), ("1",))
+        yield Suspect(f"scale{of}", rows.shared.combine(rows.by_terms(longer)), ("1",))
 
 
 def _assumed(rows: NewRows) -> Iterator[Suspect]:
@@ -241,7 +243,8 @@ def _registered(rows: NewRows) -> Iterator[Suspect]:
         assert isinstance(hypothesis, AddedVariable)
         for effect in hypothesis.effects(rows):
             what = f"{hypothesis.checked_as} {effect.name}"
-            yield Suspect(what, effect.columns, ("1",) * effect.columns.shape[1])
+            columns = rows.shared.combine(effect.columns)
+            yield Suspect(what, columns, ("1",) * columns.shape[1])
 
 
 def suspect_of(evidence: Evidence) -> Suspect:

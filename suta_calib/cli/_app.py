@@ -32,6 +32,7 @@ COMMANDS: Final = {
     "extend": "Find errors other than geometry that are worth modelling.",
     "budget": "Split the error into encoders, seating, artefact and model.",
     "view": "Show the arm in 3-D with touches, errors and uncertainty.",
+    "check": "Check by a few new rows whether a calibration is still right.",
     "validate": "Test any URDF with the validation data of a job.",
     "outliers": "Find the data of a job that contradict the rest.",
     "init": "Start a job for a URDF: write commented files to fill in.",

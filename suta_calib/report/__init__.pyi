@@ -6,6 +6,8 @@ from .calibration_plots import histogram_svg as histogram_svg
 from .calibration_plots import singular_values_svg as singular_values_svg
 from .certification import certification_document as certification_document
 from .certification import certification_plot as certification_plot
+from .check import check_document as check_document
+from .check_plot import check_history_plot as check_history_plot
 from .comparison import comparison_document as comparison_document
 from .console import rendered as rendered
 from .document import Document as Document

@@ -96,6 +96,11 @@ GIVEN = {
     "extend": Given((JOB, "--quick"), _OF_JOB, "--out"),
     "budget": Given((CHAINS, "--anyway"), _OF_CHAINS, "--out"),
     "view": Given((JOB, "--port", "0", "--seconds", "0.2"), _OF_JOB, "--html", out_is_file=True),
+    "check": Given(
+        ("calibrated/result.json", "validation/a.csv", "--no-history"),
+        ("calibrated/result.json", "validation/a.csv"),
+        "--out",
+    ),
     "validate": Given((URDF, JOB), _OF_JOB),
     "outliers": Given((JOB,), _OF_JOB, "--out"),
     "init": Given(_OF_ARM, (URDF,), "--out"),

@@ -1,0 +1,292 @@
+"""How often `check` is wrong, and what it finds: many sound and many changed checks of every kind.
+
+    python benchmarks/check_study.py                       # false alarms, 500 checks of each kind
+    python benchmarks/check_study.py --kinds range plane --checks 100
+    python benchmarks/check_study.py --lacking --outliers  # an arm with errors that no model has
+    python benchmarks/check_study.py --found               # what is found, and what it is called
+
+Every calibration has an arm, noise and rows of its own; ten checks follow each.
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Final
+
+import numpy as np
+from scipy.stats import binom
+
+from suta_calib import CalibrationJob, SolverOptions, simulate, solve
+from suta_calib.check import Check, Checker
+from suta_calib.simulation import read_simulation, write_simulation
+from suta_calib.terms import Term
+
+ROOT: Final = Path(__file__).resolve().parents[1]
+SUTA: Final = ROOT / "data" / "suta"
+CAMERA: Final = ROOT / "examples" / "camera_on_arm"
+PER_CALIBRATION: Final = 10
+
+ARM: Final = """\
+arm: {{urdf: {urdf}, tip: {tip}}}
+seed: {seed}
+{posture}
+errors:
+  - {{select: ["*.offset"], std_deg: 0.3}}
+  - {{select: [{lengths}], std_mm: 1}}
+noise: {{seating_mm: 0.08, seating_deg: 0.05, encoder_deg: 0.002,
+  instrument_mm: 0.1, instrument_deg: 0.05{noise}}}
+sets:
+  calibration: {{kind: {kind}, {fitted}}}
+  later: {{kind: {kind}, {later}}}
+"""
+JOB: Final = """\
+arm: {{urdf: {urdf}, tip: {tip}}}
+parameters:
+  - {{select: ["*.offset"], bound_deg: 15}}
+  - {{select: [{lengths}], bound_mm: 30}}
+observations:
+  - {{kind: {kind}, {row}samples: 'calibration/*.csv'}}
+validation:
+  - {{kind: {kind}, {row}samples: 'later/*.csv'}}
+"""
+
+
+@dataclass(frozen=True)
+class Kind:
+    """A kind of observation, calibrated and checked.
+
+    Attributes:
+        fitted, later: what the simulation measures.
+        row: what the job's row says.
+        label: column whose values are a check each; empty for as many rows as follow.
+        rows: of one check.
+        camera: whether it is a camera's arm.
+    """
+
+    fitted: str
+    later: str
+    row: str = ""
+    label: str = ""
+    rows: int = 10
+    camera: bool = False
+
+
+def _places(name: str, first: str, count: int, *, turned: bool, seed: int = 0) -> str:
+    random = np.random.default_rng([seed, count])
+    stated = []
+    for k in range(count):
+        angle = random.uniform(-math.pi, math.pi)
+        radius, height = random.uniform(420, 500), random.uniform(-50, 50)
+        turn = f", rotation_rpy_deg: [0, {random.uniform(0, 10):.1f}, {math.degrees(angle):.1f}]"
+        x, y = radius * math.cos(angle), radius * math.sin(angle)
+        here = f"position_mm: [{x:.1f}, {y:.1f}, {height:.1f}]{turn if turned else ''}"
+        stated.append(f"{first}{k}: {{{here}}}")
+    return f"{name}: {{{', '.join(stated)}}}"
+
+
+_ARTEFACT: Final = f"artefact: {SUTA / 'artefact.yaml'}, "
+_INSTRUMENT: Final = (
+    "base_in_instrument: {position_mm: [1500, 200, -300], rotation_rpy_deg: [5, -10, 130]}"
+)
+_EYES: Final = (
+    "eye_in_tip: {position_mm: [20, -40, 60], rotation_rpy_deg: [10, 0, 45]}, "
+    "target_in_base: {position_mm: [600, 100, -50], rotation_rpy_deg: [180, 0, 20]}"
+)
+_VIEW: Final = (
+    f"board: {CAMERA / 'board.yaml'}, camera: {CAMERA / 'camera.yaml'}, "
+    "camera_pose: {position_mm: [30, -60, 40], rotation_rpy_deg: [2, -3, 90]}, "
+    "board_pose: {position_mm: [450, 0, 10], rotation_rpy_deg: [0.5, -0.5, 20]}"
+)
+_POINTS: Final = (
+    f"board: {CAMERA / 'board.yaml'}, "
+    "camera_pose: {position_mm: [30, -60, 40], rotation_rpy_deg: [2, -3, 90]}, "
+    "board_pose: {position_mm: [450, 0, 10], rotation_rpy_deg: [0.5, -0.5, 20]}"
+)
+_PROBED: Final = "size_mm: 100, probe_radius_mm: 5"
+_AXIS: Final = "axis: [0, 0, -1]"
+KINDS: Final = {
+    "tracked_point": Kind(f"samples: 60, {_INSTRUMENT}", f"samples: 100, {_INSTRUMENT}"),
+    "pairwise_distance": Kind(
+        _ARTEFACT + _places("placements", "P", 6, turned=True),
+        _ARTEFACT + _places("placements", "V", 10, turned=True, seed=1),
+        _ARTEFACT,
+        "placement",
+    ),
+    "landmark": Kind(
+        _ARTEFACT + _places("placements", "P", 6, turned=True),
+        _ARTEFACT + _places("placements", "V", 10, turned=True, seed=1),
+        _ARTEFACT,
+        "placement",
+    ),
+    "fixed_point": Kind(
+        f"directions: 25, {_AXIS}, {_places('points', 'P', 4, turned=False)}",
+        f"directions: 12, {_AXIS}, {_places('points', 'V', 10, turned=False, seed=1)}",
+        "",
+        "point",
+    ),
+    "plane": Kind(
+        f"directions: 25, {_PROBED}, {_places('planes', 'P', 5, turned=True)}",
+        f"directions: 12, {_PROBED}, {_places('planes', 'V', 10, turned=True, seed=1)}",
+        "probe_radius_mm: 5, ",
+        "plane",
+    ),
+    "range": Kind(
+        f"directions: 40, length_mm: [200, 400], {_places('anchors', 'A', 4, turned=False)}",
+        f"directions: 30, length_mm: [200, 400], {_places('anchors', 'A', 4, turned=False)}",
+    ),
+    "hand_eye": Kind(f"samples: 50, {_EYES}", f"samples: 60, {_EYES}", rows=6),
+    "gravity": Kind(
+        "samples: 60, sensor: {rotation_rpy_deg: [0.3, -0.2, 0.4]}",
+        "samples: 100, sensor: {rotation_rpy_deg: [0.3, -0.2, 0.4]}",
+    ),
+    "camera_view": Kind(f"samples: 25, {_VIEW}", f"samples: 50, {_VIEW}", rows=5, camera=True),
+    "points": Kind(f"samples: 60, {_POINTS}", f"samples: 100, {_POINTS}", rows=10, camera=True),
+}
+
+
+@dataclass(frozen=True, eq=False)
+class Made:
+    """A calibration, and the rows of later days.
+
+    Attributes:
+        checker: of the calibration.
+        checks: rows of each check.
+    """
+
+    checker: Checker
+    checks: Sequence[Term]
+
+
+def made(name: str, seed: int, *, lacking: bool = False) -> Made:
+    """A calibration with its own truth and noise."""
+    kind, random = KINDS[name], np.random.default_rng(seed)
+    arm = CAMERA / "arm.urdf" if kind.camera else ROOT / "urdf" / "suta.urdf"
+    words = {
+        "urdf": arm,
+        "tip": "hand" if kind.camera else "tip",
+        "lengths": "joint_3.z, joint_5.z" if kind.camera else "joint_2.z, joint_4.z, joint_6.z",
+        "posture": "posture_deg: {joint_2: 20, joint_3: 60, joint_5: 100}" if kind.camera else "",
+        "noise": ", corner_px: 0.1" if name == "camera_view" else "",
+        "kind": name,
+        "seed": seed,
+    }
+    row = kind.row
+    if name == "camera_view":
+        row = f"board: {CAMERA / 'board.yaml'}, camera: {CAMERA / 'camera.yaml'}, "
+    with TemporaryDirectory() as place:
+        folder = Path(place)
+        file = folder / "simulation.yaml"
+        file.write_text(ARM.format(**words, fitted=kind.fitted, later=kind.later))
+        write_simulation(simulate(read_simulation(file)), folder)
+        if name == "points":
+            row = f"board: {CAMERA / 'board.yaml'}, "
+        text = JOB.format(**words, row=row)
+        if name == "camera_view":
+            fitted, _, held_out = text.partition("validation:")
+            text = fitted.replace("samples:", "corners: corners/calibration.csv, samples:")
+            text += "validation:" + held_out.replace(
+                "samples:", "corners: corners/later.csv, samples:"
+            )
+        (folder / "job.yaml").write_text(text)
+        job = CalibrationJob.load(folder / "job.yaml")
+    observations, (later,) = job.observations, job.validation
+    if lacking:
+        observations = tuple(with_lack_of_fit(term, random) for term in observations)
+        later = with_lack_of_fit(later, random)
+    job = replace(job, observations=observations)
+    solution = solve(job.problem(), SolverOptions(starts=1))
+    if kind.label:
+        labels = later.poses.samples.labels[kind.label]
+        groups = [np.flatnonzero(labels == one) for one in dict.fromkeys(labels.tolist())]
+    else:
+        order = random.permutation(len(later.poses))
+        groups = [order[k * kind.rows : (k + 1) * kind.rows] for k in range(PER_CALIBRATION)]
+    return Made(Checker(solution), [later.take(np.sort(rows)) for rows in groups])
+
+
+def with_lack_of_fit(term: Term, random: np.random.Generator) -> Term:
+    """Readings of an arm whose joints lag behind, and yield by where the arm reaches."""
+    samples = term.poses.samples
+    lag = math.radians(0.02) * random.choice([-1.0, 1.0], samples.q.shape)
+    yields = np.zeros(samples.q.shape)
+    yields[:, 1] = math.radians(0.05) * np.cos(samples.q[:, 1])
+    yields[:, 2] = math.radians(0.03) * np.cos(samples.q[:, 1] + samples.q[:, 2])
+    return term.over_poses(term.poses.with_samples(replace(samples, q=samples.q + lag + yields)))
+
+
+def with_outlier(term: Term, random: np.random.Generator) -> Term:
+    """One reading of one joint is wrong by half a degree to a degree."""
+    samples = term.poses.samples
+    q = samples.q.copy()
+    row, joint = random.integers(len(q)), random.integers(1, min(4, q.shape[1]))
+    q[row, joint] += math.radians(random.uniform(0.5, 1.0)) * random.choice([-1.0, 1.0])
+    return term.over_poses(term.poses.with_samples(replace(samples, q=q)))
+
+
+def sound_checks(
+    name: str, count: int, *, lacking: bool = False, outliers: bool = False
+) -> Iterator[Check]:
+    """Checks of arms on which nothing changed."""
+    random = np.random.default_rng(7)
+    done, seed = 0, 0
+    while done < count:
+        seed += 1
+        answer = made(name, seed, lacking=lacking)
+        if not answer.checker.solution.converged:
+            continue
+        for term in answer.checks[: count - done]:
+            rows = with_outlier(term, random) if outliers else term
+            yield answer.checker.check(rows)
+            done += 1
+
+
+def interval(found: int, count: int) -> tuple[float, float]:
+    """95 % interval of a rate (Clopper and Pearson 1934, doi:10.1093/biomet/26.4.404)."""
+    rates = np.linspace(0.0, 1.0, 20001)
+    low = rates[np.argmax(binom.sf(found - 1, count, rates) > 0.025)] if found else 0.0
+    high = rates[np.argmax(binom.cdf(found, count, rates) < 0.025)] if found < count else 1.0
+    return float(low), float(high)
+
+
+def false_alarms(args: argparse.Namespace) -> None:
+    """A line for each kind."""
+    for name in args.kinds:
+        checks = list(sound_checks(name, args.checks, lacking=args.lacking, outliers=args.outliers))
+        wrong = [check for check in checks if not check.unchanged]
+        low, high = interval(len(wrong), len(checks))
+        bad = sum(bool(check.bad_rows) for check in checks)
+        small = [float(np.mean([c.p < level for c in checks])) for level in (0.05, 0.01)]
+        named = Counter(c.what for check in wrong for c in check.changed)
+        print(
+            f"{name:18s} {len(checks):4d} checks, {100 * len(wrong) / len(checks):5.2f} % false "
+            f"({100 * low:.2f} to {100 * high:.2f}), p < 5 %: {100 * small[0]:.1f} %, p < 1 %: "
+            f"{100 * small[1]:.1f} %, bad rows in {bad}  {dict(named)}",
+            flush=True,
+        )
+
+
+def _moved(term: Term, joint: int, angle: float) -> Term:
+    samples = term.poses.samples
+    q = samples.q.copy()
+    q[:, joint] += angle
+    return term.over_poses(term.poses.with_samples(replace(samples, q=q)))
+
+
+def main() -> None:
+    """Run what the command line asks for."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else "")
+    parser.add_argument("--kinds", nargs="+", default=[*KINDS], choices=[*KINDS])
+    parser.add_argument("--checks", type=int, default=500)
+    parser.add_argument("--lacking", action="store_true")
+    parser.add_argument("--outliers", action="store_true")
+    false_alarms(parser.parse_args())
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,100 @@
+"""What earlier checks of a result found: one line each in ``checks.jsonl`` beside it."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any, Final
+
+from suta_calib.check.checking import Check
+from suta_calib.errors import OutputError
+from suta_calib.units import Unit, shown
+
+NAME: Final = "checks.jsonl"
+# Lines of a history that are looked at: one check a day for ten years.
+_MOST: Final = 4000
+
+
+@dataclass(frozen=True)
+class EarlierCheck:
+    """A line of a history.
+
+    Attributes:
+        time: of the check, UTC.
+        unchanged: its answer.
+        p: chance of its rows if nothing changed.
+        changed: what did.
+        rms_mm: errors of its rows, mm; NaN of angles alone.
+    """
+
+    time: datetime
+    unchanged: bool
+    p: float
+    changed: tuple[str, ...]
+    rms_mm: float
+
+
+def line_of(check: Check, samples: Sequence[Path]) -> Mapping[str, Any]:
+    """What a history says of a check."""
+    lengths = [rms for _, rms, unit in check.before if unit == "m"]
+    return {
+        "time": datetime.now(UTC).isoformat(timespec="seconds"),
+        "unchanged": check.unchanged,
+        "p": check.p,
+        "changed": [change.what for change in check.changed],
+        "by": [
+            {unit: shown(amount, unit) for unit, (amount, _) in change.amounts.items()}
+            for change in check.changed
+        ],
+        "rms_mm": shown(lengths[0], _LENGTH) if lengths else None,
+        "rows": check.rows,
+        "bad_rows": len(check.bad_rows),
+        "samples": [path.name for path in samples],
+    }
+
+
+_LENGTH: Final[Unit] = "m"
+
+
+def remember(folder: Path, line: Mapping[str, Any]) -> Path:
+    """Add a line to the history in a folder.
+
+    Raises:
+        OutputError: it cannot be written.
+    """
+    file = folder / NAME
+    try:
+        with file.open("a", encoding="utf-8") as history:
+            history.write(json.dumps(line) + "\n")
+    except OSError as error:
+        raise OutputError(f"{file}: not written: {error.strerror or error}") from None
+    return file
+
+
+def recall(folder: Path) -> list[EarlierCheck]:
+    """Earlier checks, first ones first; lines that are broken are left out."""
+    try:
+        text = (folder / NAME).read_text(encoding="utf-8", errors="replace")
+    except OSError:
+        return []
+    found = []
+    for line in text.splitlines()[-_MOST:]:
+        try:
+            entry = json.loads(line)
+            rms = entry.get("rms_mm")
+            found.append(
+                EarlierCheck(
+                    datetime.fromisoformat(entry["time"]),
+                    bool(entry["unchanged"]),
+                    float(entry["p"]),
+                    tuple(map(str, entry.get("changed", []))),
+                    math.nan if rms is None else float(rms),
+                )
+            )
+        except (ValueError, TypeError, KeyError, AttributeError):
+            continue
+    return found

@@ -1,0 +1,206 @@
+"""A calibration that was written to files, and new rows for it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from suta_calib.assessment import refuse_unusable
+from suta_calib.check.checking import Checker
+from suta_calib.errors import InputError, SamplesError
+from suta_calib.job.calibration import CalibrationJob
+from suta_calib.job.job_terms import read_term
+from suta_calib.job.schema import ObservationSpec
+from suta_calib.measurements.csv_table import read_csv_table
+from suta_calib.solver.covariance import Spread
+from suta_calib.solver.fitted import Fitted
+from suta_calib.solver.identifiability import Identification
+from suta_calib.solver.interface import Minimum
+from suta_calib.solver.problem import Problem
+from suta_calib.solver.solution import Solution
+from suta_calib.solver.weights import prior_groups
+from suta_calib.terms.term import Term
+from suta_calib.tracking.read_back import load_job
+from suta_calib.tracking.uncertainty import numbers, read_json_object
+from suta_calib.words import enumerated
+
+# Columns that only a file of corners in pictures has.
+_CORNERS = {"image", "point", "u", "v"}
+_READ_BACK = "read back"
+
+
+@dataclass(frozen=True, eq=False)
+class ReadBack:
+    """A written calibration.
+
+    Attributes:
+        file: its ``result.json``.
+        content: of that file.
+        job: it was made from.
+        checker: what new rows are held against.
+    """
+
+    file: Path
+    content: Mapping[str, Any]
+    job: CalibrationJob
+    checker: Checker
+
+    def terms(self, files: Sequence[Path], like: str = "") -> list[Term]:
+        """New rows as terms: each file by the row of the job that it is like.
+
+        Args:
+            files: of samples; of corners in pictures, beside the samples of the pictures.
+            like: kind or label of the job's row, where several suit a file.
+
+        Raises:
+            InputError: a file that is like no row of the job, or like several.
+        """
+        corners = [file for file in files if _columns(file) >= _CORNERS]
+        if len(corners) > 1:
+            expected = "one file of corners, for the pictures of all samples"
+            raise SamplesError(f"{len(corners)} files of corners", expected, file=corners[1])
+        samples = [file for file in files if file not in corners]
+        if not samples:
+            expected = "the samples too: the joints' readings at each row"
+            raise SamplesError("no samples", expected, file=next(iter(files), None))
+        found = dict[int, list[Path]]()
+        rows = (*self.job.spec.observations, *self.job.spec.validation)
+        for file in samples:
+            found.setdefault(self._row_for(file, rows, like), []).append(file)
+        terms = []
+        for number, mine in found.items():
+            row = rows[number]
+            row = replace(
+                row, samples=tuple(map(str, mine)), sample_files=tuple(mine), exclude=None
+            )
+            if "corners" in row.settings:
+                if not corners:
+                    expected = "the file of the corners in these pictures beside it"
+                    hint = "suta-calib detect PICTURES --board BOARD.yaml --out corners.csv"
+                    raise SamplesError("samples of pictures", expected, file=mine[0], hint=hint)
+                row = replace(row, settings={**row.settings, "corners": corners[0]})
+            terms.append(read_term(self.job.arm, row, self.job.spec.path))
+        fitted = self.job.observations
+        return [term.beside((*fitted, *terms)) for term in terms]
+
+    def _row_for(self, file: Path, rows: Sequence[ObservationSpec], like: str) -> int:
+        """Number of the job's row that a file is like."""
+        columns, suiting = _columns(file), dict[int, int]()
+        refused: InputError | None = None
+        for k, row in enumerate(rows):
+            if like and like not in (row.kind, row.label):
+                continue
+            if any(same_row(row, rows[j]) for j in suiting):
+                continue
+            try:
+                read_term(
+                    self.job.arm,
+                    replace(row, sample_files=(file,), samples=(str(file),), exclude=None)
+                    if "corners" not in row.settings
+                    else row,
+                    self.job.spec.path,
+                )
+            except InputError as error:
+                refused = refused or error
+                continue
+            if "corners" in row.settings and "image" not in columns:
+                continue
+            suiting[k] = len(
+                columns & {"placement", "landmark", "point", "x", "qx", "image", "plane"}
+            )
+        if not suiting:
+            if refused is not None:
+                raise refused
+            expected = f"a kind or label of {self.job.spec.path.name}"
+            raise SamplesError(f"no row {like}", expected, where="--like")
+        if len(suiting) > 1:
+            names = [f"{rows[k].kind} {rows[k].label}".removesuffix(" default") for k in suiting]
+            raise SamplesError(
+                f"rows that may be {enumerated(names, 'or')}",
+                "rows of one of them",
+                file=file,
+                hint="name its kind or label with --like",
+            )
+        return next(iter(suiting))
+
+
+def same_row(row: ObservationSpec, other: ObservationSpec) -> bool:
+    """Whether samples of one are read as those of the other."""
+    return (row.kind, row.label, row.chain, row.base_chain, row.link, row.artefact) == (
+        *(other.kind, other.label, other.chain, other.base_chain, other.link, other.artefact),
+    )
+
+
+def _columns(file: Path) -> set[str]:
+    return set(read_csv_table(file).columns)
+
+
+def read_back(path: Path, *, anyway: bool = False) -> ReadBack:
+    """Read a result, and the job that it was made from.
+
+    Args:
+        path: ``result.json``, or its folder.
+        anyway: take one that says of itself that it must not be used.
+
+    Raises:
+        InputError: no such result; not converged, or not to be used; or its job is not found, or
+            has changed since.
+    """
+    file = path / "result.json" if path.is_dir() else path
+    content = read_json_object(file)
+    parameters = content.get("parameters")
+    if not isinstance(parameters, dict) or not isinstance(content.get("noise"), list):
+        expected = "the result of suta-calib calibrate"
+        raise InputError("a result that is not a calibration of an arm", expected, file=file)
+    if content.get("status") != "converged":
+        expected = "'converged': there is no calibration to check"
+        raise InputError(repr(content.get("status")), expected, file=file, where="status")
+    refuse_unusable(content, file, anyway=anyway)
+    job = load_job(content, file)
+    return ReadBack(file, content, job, Checker(_solution(job, content, file)))
+
+
+def _solution(job: CalibrationJob, content: Mapping[str, Any], file: Path) -> Solution:
+    """The solution as it was, without solving."""
+    problem, records = job.problem(), content["parameters"]
+    if lacking := next((name for name in problem.names if name not in records), None):
+        expected = f"a value of every unknown of {job.spec.path}"
+        hint = "calibrate again"
+        raise InputError(
+            f"no value of {lacking}", expected, file=file, where="parameters", hint=hint
+        )
+    x = np.array([float(numbers(records[n].get("value"), (), file, n)) for n in problem.names])
+    free = np.array(
+        [k for k, name in enumerate(problem.names) if records[name].get("std") is not None],
+        dtype=np.intp,
+    )
+    factors = {
+        str(entry.get("group")): float(numbers(entry.get("factor"), (), file, "priors"))
+        for entry in content.get("priors") or []
+    }
+    groups = prior_groups(problem)
+    problem = problem.with_priors_scaled(np.array([factors.get(str(g), 1.0) for g in groups]))
+    sigmas = _sigmas(problem, content, file)
+    fitted = Fitted(problem, x, sigmas, free)
+    nothing = np.zeros((len(x), len(x)))
+    nowhere = Identification(np.setdiff1d(np.arange(len(x)), free), (), np.zeros((0, 0)))
+    end = Minimum(x, 0.0, _READ_BACK, 0, True, _READ_BACK)
+    return Solution(
+        *(problem, end, (end,), nowhere, nowhere, free, Spread(fitted, nothing)),
+        *(sigmas, sigmas, {}),
+        widening=float(numbers(content.get("widening", 1.0), (), file, "widening")),
+    )
+
+
+def _sigmas(problem: Problem, content: Mapping[str, Any], file: Path) -> tuple[float, ...]:
+    """Noise that was found of every block."""
+    entries = content["noise"]
+    assumed = problem.assumed_sigmas()
+    if len(entries) != len(assumed):
+        expected = f"that of {len(assumed)} blocks of rows, as the job has them"
+        raise InputError(f"the noise of {len(entries)}", expected, file=file, where="noise")
+    return tuple(float(numbers(entry.get("found"), (), file, "noise")) for entry in entries)

@@ -1,0 +1,144 @@
+"""The command line says whether a calibration is still right, and remembers it."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from cli_job import Capture, answer, cli, refused, simulated, write_simulated_job
+
+from suta_calib.measurements import Samples, write_samples
+from suta_calib.model.arm import ArmModel
+
+pytestmark = pytest.mark.usefixtures("undrawn")
+Text = Callable[[str], str]
+
+
+@pytest.fixture(scope="module")
+def calibrated(tmp_path_factory: pytest.TempPathFactory, suta_urdf: Path) -> Path:
+    """A result, and new rows of some days beside it."""
+    folder = tmp_path_factory.mktemp("check")
+    job = write_simulated_job(folder, suta_urdf)
+    assert cli("calibrate", job) == 0
+    arm = ArmModel.from_urdf(folder / "arm.urdf", "tip")
+    sound = simulated(arm, 10, seed=5)
+    assert sound.position is not None
+    for name, turned, shifted in (
+        ("sound", 0.0, 0.0),
+        ("slipped", math.radians(0.1), 0.0),
+        ("moved", 0.0, 1e-3),
+    ):
+        q = sound.q.copy()
+        q[:, 2] += turned
+        rows = Samples.from_arrays(arm.joints, q, position=sound.position + [shifted, 0, 0])
+        write_samples(folder / f"{name}.csv", rows)
+    return folder
+
+
+def test_sound_rows_are_answered_with_0_and_slipped_ones_with_1(calibrated: Path) -> None:
+    out = calibrated / "report"
+    assert cli("check", calibrated / "results", calibrated / "sound.csv", "--out", out) == 0
+    found = json.loads((out / "check.json").read_text())
+    assert found["unchanged"] is True
+    assert found["changed"] == []
+    assert found["verdict"]["usable"]
+    assert {power["what"] for power in found["power"]} >= {"base", "instrument", "tip", "scale"}
+    assert (out / "report.html").is_file()
+    found = answer("check", calibrated / "results", calibrated / "slipped.csv", code=1)
+    (change,) = found["changed"]
+    assert not found["unchanged"]
+    assert change["what"] == "joint joint_3"
+    assert change["by_deg"] == pytest.approx(-0.1, abs=4 * change["std_deg"])
+    assert change["by_mm"] is None
+    assert change["p"] < 1e-4
+    assert not found["verdict"]["usable"]
+
+
+def test_what_was_found_is_remembered_beside_the_result(calibrated: Path) -> None:
+    history = calibrated / "results" / "checks.jsonl"
+    before = history.read_text().splitlines() if history.exists() else []
+    cli("check", calibrated / "results", calibrated / "sound.csv")
+    cli("check", calibrated / "results", calibrated / "moved.csv")
+    cli("check", calibrated / "results", calibrated / "moved.csv", "--no-history")
+    *kept, sound, moved = map(json.loads, history.read_text().splitlines())
+    assert len(kept) == len(before)
+    assert sound["unchanged"]
+    assert not moved["unchanged"]
+    assert {*moved["changed"]} <= {"base", "instrument"}
+    assert moved["p"] < sound["p"]
+
+
+def edited(calibrated: Path, change: Text) -> Path:
+    file = calibrated / "edited.csv"
+    file.write_text(change((calibrated / "sound.csv").read_text()))
+    return file
+
+
+def first_rows(count: int) -> Text:
+    return lambda text: "\n".join(text.splitlines()[: count + 1]) + "\n"
+
+
+@pytest.mark.parametrize(
+    ("change", "expected"),
+    [
+        (lambda text: text.replace("joint_2", "elbow"), "joint_2"),
+        (lambda text: text.replace("x,", "a,", 1), "x"),
+        (lambda text: text.replace("0.", "nan", 1), "nan"),
+        (lambda _: "", "empty"),
+        (first_rows(0), "a header without data"),
+    ],
+)
+def test_rows_that_cannot_be_read_are_refused(
+    calibrated: Path, change: Text, expected: str
+) -> None:
+    file = edited(calibrated, change)
+    message = refused("check", calibrated / "results", file)
+    assert "edited.csv" in message
+    assert expected in message
+
+
+def test_a_result_that_must_not_be_used_is_refused_unless_anyway(
+    calibrated: Path, tmp_path: Path
+) -> None:
+    content = json.loads((calibrated / "results" / "result.json").read_text())
+    content["verdict"] |= {"level": "bad", "usable": False, "sentence": "too few rows"}
+    for name in ("inputs.zip",):
+        (tmp_path / name).write_bytes((calibrated / "results" / name).read_bytes())
+    (tmp_path / "result.json").write_text(json.dumps(content))
+    assert "--anyway" in refused("check", tmp_path, calibrated / "sound.csv")
+    assert cli("check", tmp_path, calibrated / "sound.csv", "--anyway") == 0
+
+
+def test_one_row_says_what_it_can(calibrated: Path) -> None:
+    file = edited(calibrated, first_rows(1))
+    found = answer("check", calibrated / "results", file)
+    assert found["unchanged"]
+    assert found["rows"] == 1
+
+
+def test_millimetres_for_metres_are_no_change_of_the_arm(calibrated: Path, capsys: Capture) -> None:
+    table = np.genfromtxt(calibrated / "sound.csv", delimiter=",", names=True)
+    names = table.dtype.names
+    assert names is not None
+    rows = np.array([list(row) for row in table.tolist()])
+    rows[:, [names.index(axis) for axis in "xyz"]] *= 1000.0
+    file = calibrated / "in_mm.csv"
+    np.savetxt(file, rows, delimiter=",", header=",".join(names), comments="")
+    assert cli("check", calibrated / "results", file) == 1
+    assert "another unit" in " ".join(capsys.readouterr().out.split())
+
+
+def test_zeros_of_another_day_are_named_as_such(calibrated: Path) -> None:
+    table = np.genfromtxt(calibrated / "sound.csv", delimiter=",", names=True)
+    names = table.dtype.names
+    assert names is not None
+    rows = np.array([list(row) for row in table.tolist()])
+    rows[:, :6] += np.array([0.01, -0.02, 0.015, 0.03, -0.01, 0.02])
+    file = calibrated / "other_day.csv"
+    np.savetxt(file, rows, delimiter=",", header=",".join(names), comments="")
+    found = answer("check", calibrated / "results", file, code=1)
+    assert found["changed"][0]["what"] == "zeros of all joints"
