@@ -84,8 +84,8 @@ class FoundChange(Displayable):
         """What changed by how much, and what cannot be told from it."""
         if self.what == UNKNOWN:
             return (
-                "The rows do not agree with the calibration, and no single change explains them. They "
-                "may be of another arm or another result. Check that; else calibrate again."
+                "The rows do not agree with the calibration, and no single change explains them. "
+                "They may be of another arm or another result. Check that; else calibrate again."
             )
         moved = (
             ""
@@ -95,8 +95,8 @@ class FoundChange(Displayable):
         first = f"The {self.what} changed by {self.amount}{moved}."
         if any(abs(amount) > PLAUSIBLE.get(u, math.inf) for u, (amount, _) in self.amounts.items()):
             first += (
-                " Nothing changes by so much unnoticed: look for another unit (samples are in m and "
-                "rad; a device may give mm), another arm or another result."
+                " Nothing changes by so much unnoticed: look for another unit (samples are in m "
+                "and rad; a device may give mm), another arm or another result."
             )
         if not self.instead:
             return first

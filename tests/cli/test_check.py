@@ -34,7 +34,9 @@ def calibrated(tmp_path_factory: pytest.TempPathFactory, suta_urdf: Path) -> Pat
     ):
         q = sound.q.copy()
         q[:, 2] += turned
-        rows = Samples.from_arrays(arm.joints, q, position=sound.position + [shifted, 0, 0])
+        rows = Samples.from_arrays(
+            arm.joints, q, position=sound.position + np.array([shifted, 0, 0])
+        )
         write_samples(folder / f"{name}.csv", rows)
     return folder
 
