@@ -22,7 +22,7 @@ from scipy.linalg import solve_triangular
 from scipy.special import chdtri
 
 from suta_calib.arrays import FloatArray, IntArray
-from suta_calib.assessment import Assessment
+from suta_calib.assessment import Assessment, judged
 from suta_calib.check.error_model import ErrorModel
 from suta_calib.check.family import Family
 from suta_calib.check.new_rows import NewRows
@@ -126,6 +126,7 @@ class Check(Displayable):
         changed: what changed, most certain first.
         power: what these rows would have shown.
         bad_rows: rows that agree neither with the calibration nor with any change, by file and row.
+        bad_samples: numbers of these.
         p: chance of rows so far off if nothing changed.
         rows: how many there are.
         false_alarm: rate that was asked for.
@@ -143,6 +144,7 @@ class Check(Displayable):
     false_alarm: float
     values: Mapping[str, float]
     notes: tuple[str, ...] = ()
+    bad_samples: tuple[int, ...] = ()
     before: tuple[tuple[str, float, Unit], ...] = ()
     after: tuple[tuple[str, float, Unit], ...] = ()
 
@@ -151,7 +153,8 @@ class Check(Displayable):
         """Whether nothing changed that these rows would show."""
         return not self.changed
 
-    @property
+    @cached_property
+    @judged
     def assessment(self) -> Assessment:
         """``bad`` where something changed: the calibration must not be used as it is."""
         if self.changed:
@@ -194,13 +197,13 @@ class Checker(Displayable):
 
     Attributes:
         solution: of the calibration.
-        known: values of its parameters now, where they are not those of the solution.
-        covariance: of the estimates now (n, n), in the problem's order, where it is another.
+        known: values of its parameters now, where some were estimated again (`check.repair`).
+        covariance: names of the estimates then (n,), and their covariance now (n, n).
     """
 
     solution: Solution
     known: Mapping[str, float] | None = None
-    covariance: FloatArray | None = None
+    covariance: tuple[tuple[str, ...], FloatArray] | None = None
 
     @cached_property
     def errors(self) -> ErrorModel:
@@ -212,8 +215,26 @@ class Checker(Displayable):
         """Of all parameters, now."""
         return self.solution.values if self.known is None else self.known
 
-    @single_threaded
+    @cached_property
+    def estimated(self) -> tuple[tuple[str, ...], FloatArray]:
+        """Names of the estimates (n,), and their covariance (n, n) but for the scale's part."""
+        if self.covariance is not None:
+            return self.covariance
+        solution, free = self.solution, self.solution.free
+        names = tuple(solution.problem.names[k] for k in free)
+        return names, solution.covariance_within_scale[np.ix_(free, free)]
+
+    def scale_seen_by(self, terms: Sequence[Term]) -> FloatArray | None:
+        """(n, n) of the solution's parameters, by a scale that new rows do not share; or None."""
+        solution = self.solution
+        seen = solution.covariance_seen_by(terms) - solution.covariance_within_scale
+        return seen if np.any(seen) else None
+
     def check(self, terms: Term | Sequence[Term], false_alarm: float = FALSE_ALARM) -> Check:
+        """Hold new rows against the calibration: `checking`, and what it finds."""
+        return self.checking(terms, false_alarm).run()
+
+    def checking(self, terms: Term | Sequence[Term], false_alarm: float = FALSE_ALARM) -> Checking:
         """Hold new rows against the calibration.
 
         Args:
@@ -223,15 +244,11 @@ class Checker(Displayable):
         Raises:
             InputError: rows of another arm, or of a kind that was not calibrated.
         """
-        terms = [terms] if isinstance(terms, Term) else list(terms)
-        self._check_kinds(terms)
-        return Checking(
-            self,
-            NewRows.beside(
-                Examination.of_poses(self.solution), terms, self.values, self.errors.levels
-            ),
-            false_alarm,
-        ).run()
+        every = [terms] if isinstance(terms, Term) else list(terms)
+        self._check_kinds(every)
+        answer = Examination.of_poses(self.solution)
+        rows = NewRows.beside(answer, every, self.values, self.errors.levels)
+        return Checking(self, rows, false_alarm)
 
     def _check_kinds(self, terms: Sequence[Term]) -> None:
         known = {sort[0] for sort in self.errors.levels}
@@ -261,20 +278,26 @@ class Checking:
     @cached_property
     def by_estimates(self) -> FloatArray:
         """(m, m) covariance by what the calibration does not know, certified places included."""
-        solution, names = self.checker.solution, self.start.problem.names
-        place = {name: k for k, name in enumerate(solution.problem.names)}
-        both = [(k, place[name]) for k, name in enumerate(names) if name in place]
-        mine, theirs = np.array(both, dtype=np.intp).reshape(-1, 2).T
-        covariance = self.checker.covariance
-        if covariance is None:
-            covariance = solution.covariance_seen_by(self.start.problem.terms)
-        jacobian = self.start.jacobian[:, mine]
-        total = jacobian @ covariance[np.ix_(theirs, theirs)] @ jacobian.T
+        estimated, covariance = self.checker.estimated
+        jacobian = self._columns(estimated)
+        total = jacobian @ covariance @ jacobian.T
+        if (scale := self.checker.scale_seen_by(self.start.problem.terms)) is not None:
+            jacobian = self._columns(self.checker.solution.problem.names)
+            total = total + jacobian @ scale @ jacobian.T
         certified = artefact_errors(self.start.rows)
         if certified is not None:
             shift = self.start.shared.combine(np.vstack(certified.jacobian)) * certified.sigma
             total = total + shift @ shift.T
         return np.asarray(total)
+
+    def _columns(self, names: Sequence[str]) -> FloatArray:
+        """(m, n) derivative by parameters by name; zero by those that these rows do not have."""
+        place = {name: k for k, name in enumerate(self.start.problem.names)}
+        columns = np.zeros((len(self.start.residual), len(names)))
+        for k, name in enumerate(names):
+            if name in place:
+                columns[:, k] = self.start.jacobian[:, place[name]]
+        return columns
 
     @cached_property
     def by_noise(self) -> list[FloatArray]:
@@ -336,6 +359,7 @@ class Checking:
             noise_freedom=self.checker.errors.freedom,
         )
 
+    @single_threaded
     def run(self) -> Check:
         """What changed."""
         rows, freed = self.start, np.zeros(0, dtype=np.intp)
@@ -379,6 +403,7 @@ class Checking:
             len(origin),
             self.false_alarm,
             rows.values,
+            bad_samples=tuple(bad),
             before=_errors_of(self.start),
             after=_errors_of(rows),
         )

@@ -3,16 +3,25 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import replace
 from functools import cache
 from typing import Any
 
 import numpy as np
 import pytest
-from simulated import Spread, arm_named, dh_parameters, fixed_point_scene, perturbed, tracked_scene
+from simulated import (
+    Spread,
+    arm_named,
+    dh_parameters,
+    fixed_point_scene,
+    perturbed,
+    random_readings,
+    tracked_scene,
+)
 
 from suta_calib import InputError, Problem, Solution, Term, solve
-from suta_calib.check import Check, Checker
+from suta_calib.check import Check, Checker, repaired
 from suta_calib.terms import ArmPoses
 
 NOISE = 1e-4
@@ -105,3 +114,37 @@ def test_rows_of_a_kind_that_was_not_calibrated_are_refused() -> None:
     arm = arm_named("suta")
     with pytest.raises(InputError, match="tracked_point"):
         checked(fixed_point_scene(arm, {}, 4).exact())
+
+
+def test_a_slipped_joint_is_repaired_nearly_as_well_as_by_a_calibration() -> None:
+    """Errors all over the arm's range, with a joint off by 0.3° and ten rows."""
+    arm, _, later = scene()
+    before = perturbed(dh_parameters(arm), 1, 1e-3, 3e-3)
+    now = before | {"joint_3.offset": before["joint_3.offset"] - math.radians(0.3)}
+    rows = with_joint_off(later[4], 2, math.radians(0.3))
+    checking = checker().checking(rows)
+    check = checking.run()
+    assert [change.what for change in check.changed] == ["joint joint_3"]
+    repair = repaired(checking, check)
+    q = random_readings(arm, np.random.default_rng(8), 200)
+
+    def error(values: Mapping[str, float], of: Mapping[str, float]) -> float:
+        """RMS of the tips, once laid over the true ones: where the base is, is a convention."""
+        tips, true = (
+            p - p.mean(axis=0)
+            for p in (arm.forward(q, {n: values[n] for n in of})[1], arm.forward(q, of)[1])
+        )
+        left, _, right = np.linalg.svd(tips.T @ true)
+        return float(np.sqrt(np.mean(np.sum((tips @ left @ right - true) ** 2, axis=1))))
+
+    calibrated = error(repair.before.values, before)
+    assert error(repair.before.values, now) > 5 * calibrated
+    assert error(repair.solution.values, now) < 1.5 * calibrated
+    std = repair.solution.estimates["joint_3.offset"].std
+    assert std is not None
+    off = repair.solution.values["joint_3.offset"] - now["joint_3.offset"]
+    assert abs(off) < 4 * std
+    # Other rows agree with it.
+    again = Checker(repair.before, repair.solution.values, repair.solution.told)
+    found = [again.check(with_joint_off(rows, 2, math.radians(0.3))) for rows in later[5:15]]
+    assert sum(not check.unchanged for check in found) <= 1
