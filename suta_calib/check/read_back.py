@@ -161,7 +161,23 @@ def read_back(path: Path, *, anyway: bool = False) -> ReadBack:
         raise InputError(repr(content.get("status")), expected, file=file, where="status")
     refuse_unusable(content, file, anyway=anyway)
     job = load_job(content, file)
-    return ReadBack(file, content, job, Checker(_solution(job, content, file)))
+    return ReadBack(file, content, job, _checker(job, content, file))
+
+
+def _checker(job: CalibrationJob, content: Mapping[str, Any], file: Path) -> Checker:
+    """The calibration; where it was repaired, with what is known since then."""
+    solution = _solution(job, content, file)
+    repair = content.get("repaired")
+    if not isinstance(repair, dict):
+        return Checker(solution)
+    table = repair.get("covariance")
+    names = tuple(map(str, table.get("parameters", ()))) if isinstance(table, dict) else ()
+    matrix = numbers(dict(table or {}).get("matrix"), (len(names),) * 2, file, "repaired")
+    values = {
+        name: float(numbers(record.get("value"), (), file, name))
+        for name, record in content["parameters"].items()
+    }
+    return Checker(solution, values, (names, np.asarray(matrix)))
 
 
 def _solution(job: CalibrationJob, content: Mapping[str, Any], file: Path) -> Solution:
@@ -173,7 +189,10 @@ def _solution(job: CalibrationJob, content: Mapping[str, Any], file: Path) -> So
         raise InputError(
             f"no value of {lacking}", expected, file=file, where="parameters", hint=hint
         )
-    x = np.array([float(numbers(records[n].get("value"), (), file, n)) for n in problem.names])
+    # What was repaired holds for later rows: those of the job had other values.
+    old = dict(content.get("repaired") or {}).get("before") or {}
+    values = {name: old.get(name, records[name].get("value")) for name in problem.names}
+    x = np.array([float(numbers(value, (), file, name)) for name, value in values.items()])
     free = np.array(
         [k for k, name in enumerate(problem.names) if records[name].get("std") is not None],
         dtype=np.intp,

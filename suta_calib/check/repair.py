@@ -107,7 +107,7 @@ def repaired(checking: Checking, check: Check) -> Repair:
     factor = vectors * np.sqrt(np.maximum(values, 0.0))
     fit = _Update(checking, tuple(names[k] for k in kept), factor, again, check.bad_samples)
     known, spread = fit.run()
-    problem, x = _with_added(before, again, checking.checker.values | known)
+    problem, x = _with_added(before, again, {**checking.checker.values, **known})
     index = {name: k for k, name in enumerate(problem.names)}
     every = np.zeros((len(x), len(x)))
     at = np.array([index[name] for name in fit.order if name in index], dtype=np.intp)

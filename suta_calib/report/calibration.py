@@ -515,7 +515,7 @@ def _data(result: Calibration) -> Json:
             "repeatability", lambda: REPEATABILITY.records(repeatability_of(result))
         ),
         "timing_s": timing,
-        **_matrices(solution),
+        **matrices_of(solution),
         "noise": entry("noise", lambda: NOISE.records(noise_of(result))),
         "priors": entry("priors", lambda: PRIORS.records(priors_of(result))),
         "solver": {"name": solution.minimum.solver, **best, "starts": starts},
@@ -557,7 +557,7 @@ def _metrics(result: Calibration) -> Json:
     return {**of_sets(None), **({"by_chain": by_chain} if by_chain else {})}
 
 
-def _matrices(solution: Solution) -> Mapping[str, Any]:
+def matrices_of(solution: Solution) -> Mapping[str, Any]:
     """Of the arm's estimated parameters, with the standard deviations told of each.
 
     The covariance has those too that are held, and that the tip hangs on though nothing shows it.

@@ -11,7 +11,7 @@ from suta_calib import report
 from suta_calib.check import Check, FoundChange, FoundPower
 from suta_calib.check.history import EarlierCheck
 from suta_calib.report.document import Document, Figure, Part, remark, section
-from suta_calib.report.listing import Column, Json, Listing
+from suta_calib.report.listing import Column, Json, Listing, Table
 from suta_calib.units import NOTHING, Unit, text
 
 NAME: Final = "check"
@@ -80,8 +80,13 @@ def check_document(check: Check, title: str, history: Sequence[EarlierCheck] = (
 def _changed(check: Check) -> Iterator[Part]:
     if check.changed:
         yield CHANGED.of(check.changed)
+    yield errors_of(check)
+
+
+def errors_of(check: Check) -> Table:
+    """Errors of the rows, with the calibration as it was and with what changed."""
     pairs = zip(check.before, check.after, strict=True)
-    yield ERRORS.of([(kind, rms, after, unit) for (kind, rms, unit), (_, after, _) in pairs])
+    return ERRORS.of([(kind, rms, after, unit) for (kind, rms, unit), (_, after, _) in pairs])
 
 
 def _power(check: Check) -> Iterator[Part]:

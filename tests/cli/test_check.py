@@ -144,3 +144,35 @@ def test_zeros_of_another_day_are_named_as_such(calibrated: Path) -> None:
     np.savetxt(file, rows, delimiter=",", header=",".join(names), comments="")
     found = answer("check", calibrated / "results", file, code=1)
     assert found["changed"][0]["what"] == "zeros of all joints"
+
+
+def test_a_repaired_result_is_a_whole_one(calibrated: Path, tmp_path: Path) -> None:
+    out = tmp_path / "repaired"
+    given = ("check", calibrated / "results", calibrated / "slipped.csv", "--repair")
+    assert cli(*given, "--out", out) == 0
+    result = json.loads((out / "result.json").read_text())
+    old = json.loads((calibrated / "results" / "result.json").read_text())
+    assert result["repaired"]["what"] == ["joint joint_3"]
+    assert result["repaired"]["parameters"] == ["joint_3.offset"]
+    assert result["verdict"]["usable"]
+    assert {*result} >= {*old}
+    name = "joint_3.offset"
+    moved = result["parameters"][name]["value"] - old["parameters"][name]["value"]
+    assert math.degrees(moved) == pytest.approx(-0.1, abs=0.03)
+    assert {file.name for file in out.iterdir()} >= {
+        *("result.json", "calibrated.urdf", "residuals.csv", "report.html", "inputs.zip")
+    }
+    # It is read back like any other.
+    for command in (
+        ("validate", out / "calibrated.urdf", out, "--result", out / "result.json"),
+        ("check", out, calibrated / "slipped.csv"),
+        ("export", out, "--format", "mjcf", "--out", tmp_path / "arm.xml"),
+    ):
+        assert cli(*command) == 0, command
+    assert cli("check", out, calibrated / "sound.csv") == 1
+
+
+def test_what_no_parameter_describes_is_not_repaired(calibrated: Path, tmp_path: Path) -> None:
+    given = ("check", calibrated / "results", calibrated / "in_mm.csv", "--repair")
+    assert cli(*given, "--out", tmp_path / "none") == 1
+    assert not (tmp_path / "none" / "calibrated.urdf").exists()
