@@ -47,6 +47,8 @@ from suta_calib.units import deg, mm
 _MOST_POINTS: Final = 100_000
 # Corners of one marker, in its size: top left, top right, bottom right, bottom left.
 _MARKER_CORNERS: Final = np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]]) / 2
+# How many: of marker N they have the numbers 4 N, 4 N + 1, ….
+CORNERS: Final = len(_MARKER_CORNERS)
 
 
 @dataclass(frozen=True, eq=False)
@@ -344,7 +346,7 @@ class Markers(Board):
     def points(self) -> Mapping[int, FloatArray]:
         """The corners of all markers."""
         return {
-            4 * number + k: corner
+            CORNERS * number + k: corner
             for number, marker in self.markers.items()
             for k, corner in enumerate(marker.corners)
         }

@@ -14,7 +14,7 @@ from suta_calib.measurements.scale import INSTRUMENT_PPM, PPM, LengthScale
 from suta_calib.model.parameters import PLACEMENT
 from suta_calib.solver.solution import Solution
 from suta_calib.terms import CameraView
-from suta_calib.terms.marker_survey import SurveyedMarkers, marker_owner
+from suta_calib.terms.surveyed_markers import SurveyedMarkers, marker_owner
 
 
 def measured_markers(

@@ -26,6 +26,7 @@ class Optimality:
             one minimum only; ``eigenvalues`` of a matrix in closed form; or a semidefinite
             ``program``.
         trouble: why it is not proven; empty where there is no more to say.
+        held: what of the answer is held, in words.
     """
 
     what: str
@@ -36,6 +37,7 @@ class Optimality:
     reached: bool
     method: Literal["linear", "eigenvalues", "program"] = "eigenvalues"
     trouble: str = ""
+    held: str = "the weights"
 
     @property
     def certified(self) -> bool:
@@ -62,7 +64,7 @@ class Optimality:
             if self.method == "program":
                 by = "a semidefinite program, and the eigenvalues of a matrix"
             return (
-                f"Proven best, by {by}: with the weights of this answer, no other {self.what} have "
+                f"Proven best, by {by}: with {self.held} of this answer, no other {self.what} have "
                 f"a lower sum of squares (to {max(self.gap, 1e-15):.0e} of it). {there}"
             )
         if self.gap <= PROVEN:
@@ -75,8 +77,8 @@ class Optimality:
         return (
             f"Not proven best: another {self.what} may fit better (by up to {self.gap:.1g} of the "
             f"sum of squares; {PROVEN:.0e} counts as proven){because}. The answer is the lowest "
-            "minimum that was found. Add rows that turn about other axes, and compare a second "
-            "set of rows."
+            "minimum that was found, and may still be right. Calibrate with a second set of rows, "
+            "turned about other axes: if both give the same, use it."
         )
 
 

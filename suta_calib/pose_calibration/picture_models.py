@@ -30,7 +30,7 @@ from suta_calib.pose_calibration.picture_rows import PictureRows
 from suta_calib.solver.problem import Problem
 from suta_calib.terms import CameraView
 from suta_calib.terms.hand_eye_start import EYE_IN_HAND
-from suta_calib.terms.marker_survey import SurveyedMarkers
+from suta_calib.terms.surveyed_markers import SurveyedMarkers
 
 # A model whose errors of pictures left out exceed those of least squares by no more than this part
 # predicts as well: folds dealt in another way change the ratio of two models by as much.

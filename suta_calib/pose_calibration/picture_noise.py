@@ -46,7 +46,7 @@ from suta_calib.solver.problem import Problem
 from suta_calib.solver.weights import CAMERA, Learned, prior_groups
 from suta_calib.terms import CameraView
 from suta_calib.terms.intrinsics import HELD
-from suta_calib.terms.marker_survey import SurveyedMarkers
+from suta_calib.terms.surveyed_markers import SurveyedMarkers
 
 # Linearisations at most.
 ROUNDS: Final = 10

@@ -64,8 +64,8 @@ from suta_calib.terms.hand_eye_start import (
     loop_closures,
     some_poses,
 )
-from suta_calib.terms.marker_survey import SurveyedMarkers
 from suta_calib.terms.misread_pictures import other_size
+from suta_calib.terms.surveyed_markers import SurveyedMarkers
 
 Intrinsics = Literal["fixed", "free"]
 

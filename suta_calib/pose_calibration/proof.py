@@ -23,6 +23,7 @@ import numpy as np
 from suta_calib.arrays import FloatArray, IntArray
 from suta_calib.assessment import attempt
 from suta_calib.geometry.numbers import rotation_from_vector, skew, vector_from_rotation
+from suta_calib.pose_calibration.many_eyes import ManyEyesCalibration
 from suta_calib.pose_calibration.optimality import Optimality
 from suta_calib.pose_calibration.robot_noise import PairedHandEye
 from suta_calib.pose_calibration.robust_answer import RobustAnswer
@@ -73,7 +74,9 @@ def _proof(answer: RobustAnswer) -> Optimality:
         return _of_points(solution, term, length)
     assert isinstance(term, HandEye)
     vectors = len(term.poses) * len(term.blocks)
-    return _of_poses(solution, loop_rows(solution, term), length, vectors, "X and Z")
+    found = _of_poses(solution, loop_rows(solution, term), length, vectors, "X and Z")
+    shared = isinstance(answer, ManyEyesCalibration) and answer.noise is not None
+    return replace(found, held="the weights and the hand's errors") if shared else found
 
 
 def _of_poses(

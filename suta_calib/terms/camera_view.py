@@ -56,12 +56,13 @@ from suta_calib.terms.intrinsics import UNCALIBRATED, camera_at, intrinsic_param
 from suta_calib.terms.length_scale import stretch_factors, stretch_parameters
 from suta_calib.terms.lens_choice import LensChoice, camera_alone
 from suta_calib.terms.line_delay import LINE_DELAY, LineDelay, rolled
-from suta_calib.terms.marker_survey import SurveyedMarkers, surveyed
+from suta_calib.terms.marker_survey import surveyed
 from suta_calib.terms.misread_pictures import check_files, doubts, otherwise_read
 from suta_calib.terms.observed import Observed, Resimulation
 from suta_calib.terms.poses import ArmPoses, PoseSource
 from suta_calib.terms.reprojection import reprojection
 from suta_calib.terms.setup import Setup
+from suta_calib.terms.surveyed_markers import SurveyedMarkers
 from suta_calib.terms.term import Term
 
 # What a kind that nobody has set up looks at, and with what: a board and a camera as they are.

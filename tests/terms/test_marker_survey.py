@@ -12,7 +12,8 @@ from marker_scenes import CAMERA, DICTIONARY, MarkerScene, marker_scene, sought,
 from suta_calib.errors import SamplesError
 from suta_calib.measurements.board import Marker, Markers
 from suta_calib.terms.hand_eye_start import EyeSetup, as_eye_in_hand
-from suta_calib.terms.marker_survey import SurveyedMarkers, surveyed
+from suta_calib.terms.marker_survey import surveyed
+from suta_calib.terms.surveyed_markers import SurveyedMarkers
 
 
 def survey(
