@@ -269,11 +269,13 @@ class Checking:
         checker: what new rows are held against.
         start: the rows at the calibrated values.
         false_alarm: rate.
+        of_one_kind: (m, m) covariance of the rows by one kind of noise; None for all kinds.
     """
 
     checker: Checker
     start: NewRows
     false_alarm: float
+    of_one_kind: FloatArray | None = None
 
     @cached_property
     def by_estimates(self) -> FloatArray:
@@ -309,6 +311,8 @@ class Checking:
     @cached_property
     def total(self) -> FloatArray:
         """(m, m) covariance of the rows, on average over the kinds of noise."""
+        if self.of_one_kind is not None:
+            return self.of_one_kind
         kinds = self.checker.errors.kinds
         noise = sum(kind.weight * v for kind, v in zip(kinds, self.by_noise, strict=True))
         return np.asarray(noise + self.by_estimates)
@@ -365,7 +369,7 @@ class Checking:
         rows, freed = self.start, np.zeros(0, dtype=np.intp)
         extra, bad, changes = np.zeros((len(rows.residual), 0)), list[int](), list[FoundChange]()
         fit = self.fit(rows, freed, extra)
-        evidence = weigh_effects(fit, self._effects(suspects_of(rows, self.checker.values)))
+        evidence = weigh_effects(fit, self.effects(suspects_of(rows, self.checker.values)))
         kinds = zip(self.checker.errors.kinds, self.by_noise, strict=True)
         white = [(kind.weight, kind.freedom, self._freed(v)) for kind, v in kinds]
         family = Family.of(fit, evidence, white, self._freed(self.by_estimates), self.false_alarm)
@@ -391,7 +395,7 @@ class Checking:
             fit = self.fit(rows, freed, extra)
             chosen = {change.what for change in changes}
             suspects = [s for s in suspects_of(rows, self.checker.values) if s.what not in chosen]
-            evidence = weigh_effects(fit, self._effects(suspects))
+            evidence = weigh_effects(fit, self.effects(suspects))
         if not changes and family.p_of_all(fit) < self.false_alarm:
             changes.append(FoundChange(UNKNOWN, {}, family.p_of_all(fit)))
         origin = [row for t in self.start.problem.terms for row in t.poses.samples.origin]
@@ -412,7 +416,7 @@ class Checking:
         """(m, m) a covariance of the rows, freed of their total one."""
         return self.white(self.white(covariance).T)
 
-    def _effects(self, suspects: Sequence[Suspect]) -> list[Effect]:
+    def effects(self, suspects: Sequence[Suspect]) -> list[Effect]:
         """On the rows freed of their covariance."""
         if not suspects:
             return []

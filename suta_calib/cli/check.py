@@ -2,17 +2,26 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 
 import click
 
 from suta_calib.assessment import attempt
-from suta_calib.check import FALSE_ALARM, can_repair, repaired
+from suta_calib.check import FALSE_ALARM, Check, Follow, can_repair, repaired
+from suta_calib.check.growing import growing, named
 from suta_calib.check.history import line_of, recall, remember
-from suta_calib.check.read_back import read_back
-from suta_calib.cli._options import PATH, FiniteRange, Folder, anyway_option, flag, option
-from suta_calib.cli._output import answer_command, results_folder
+from suta_calib.check.read_back import ReadBack, read_back
+from suta_calib.cli._options import PATH, POSITIVE, FiniteRange, Folder, anyway_option, flag, option
+from suta_calib.cli._output import (
+    answer_command,
+    console,
+    ended_by_sigterm,
+    printing,
+    results_folder,
+)
+from suta_calib.errors import InputError, SamplesError
 from suta_calib.report.check import check_document
 from suta_calib.report.document import Document
 from suta_calib.report.repair import repair_document
@@ -30,6 +39,8 @@ from suta_calib.report.repair import repair_document
 )
 @flag("--repair", "Estimate again what changed, and write a whole new result into --out.")
 @option("--out", "Folder for check.json and the report, or for the repaired result.", Folder())
+@flag("--follow", "Read rows as they are appended to the file SAMPLES, and decide after each.")
+@option("--seconds", "Stop following after so many seconds; default: at Ctrl-C.", POSITIVE)
 @flag("--no-history", "Add no line to checks.jsonl beside the result.")
 @anyway_option
 def check(
@@ -38,6 +49,8 @@ def check(
     like: str,
     false_alarm: float,
     repair: bool,
+    follow: bool,
+    seconds: float | None,
     no_history: bool,
     anyway: bool,
 ) -> Document:
@@ -47,12 +60,20 @@ def check(
     job had; of pictures, the samples and the corners. What changed is named: base, tip, instrument,
     camera, board, a placement, the zero of a joint, a link, the scale. The exit code is 1 if
     something changed.
+
+    With --follow, SAMPLES is one file that grows, such as suta-calib measure writes it. The
+    probability of a false alarm holds for all rows together, however many come.
     """
+    if follow and (len(samples) > 1 or repair):
+        raise click.UsageError("--follow reads one file of samples, and repairs nothing")
     if repair and results_folder() is None:
         raise click.UsageError("--repair writes a whole new result: give its folder with --out")
     written = read_back(result, anyway=anyway)
-    checking = written.checker.checking(written.terms(samples, like), false_alarm)
-    answer = checking.run()
+    if follow:
+        answer = _followed(written, samples[0], like, Follow(written.checker, false_alarm), seconds)
+    else:
+        checking = written.checker.checking(written.terms(samples, like), false_alarm)
+        answer = checking.run()
     folder, notes = written.file.parent, list[str]()
     if not no_history:
         line = line_of(answer, samples)
@@ -62,3 +83,32 @@ def check(
     if repair and can_repair(answer):
         return repair_document(repaired(checking, answer), written, samples)
     return check_document(answer, written.job.title, recall(folder))
+
+
+def _followed(
+    written: ReadBack, file: Path, like: str, follow: Follow, seconds: float | None
+) -> Check:
+    """What was found until something changed, or until somebody ended it."""
+    quiet, said = click.get_current_context().params["as_json"], console()
+    done = 0
+    with ended_by_sigterm(), suppress(KeyboardInterrupt):
+        for copy in growing(file, seconds):
+            try:
+                (term,) = written.terms([copy], like)
+            except InputError as error:
+                raise named(error, copy, file) from None
+            step, done = follow.add(term, done), len(term.poses)
+            if not quiet:
+                waits = ", the last one is far off and waits for the next" if step.held else ""
+                with printing():
+                    said.print(
+                        f"{step.rows} rows: evidence of a change {step.evidence:.3g} of "
+                        f"{step.limit:.3g}{waits}",
+                        soft_wrap=True,
+                    )
+            if step.changed:
+                break
+    try:
+        return follow.check()
+    except SamplesError as error:
+        raise SamplesError.of(error, file, None) from None

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import threading
 from collections.abc import Callable
 from pathlib import Path
 
@@ -176,3 +177,38 @@ def test_what_no_parameter_describes_is_not_repaired(calibrated: Path, tmp_path:
     given = ("check", calibrated / "results", calibrated / "in_mm.csv", "--repair")
     assert cli(*given, "--out", tmp_path / "none") == 1
     assert not (tmp_path / "none" / "calibrated.urdf").exists()
+
+
+def test_rows_are_followed_as_they_are_appended(calibrated: Path) -> None:
+    """Written by another thread, line by line and half lines; it ends where something changed."""
+    text = (calibrated / "slipped.csv").read_text().splitlines(keepends=True)
+    file = calibrated / "growing.csv"
+    file.unlink(missing_ok=True)
+
+    def write() -> None:
+        for line in text:
+            with file.open("a") as rows:
+                rows.write(line[: len(line) // 2])
+                rows.flush()
+                rows.write(line[len(line) // 2 :])
+
+    writer = threading.Timer(0.3, write)
+    writer.start()
+    given = ("check", calibrated / "results", file, "--follow", "--seconds", "120")
+    found = answer(*given, code=1)
+    writer.join()
+    assert not found["unchanged"]
+    (first, *_) = found["changed"]
+    assert "joint joint_3" in (first["what"], *first["instead"])
+
+
+def test_a_last_line_that_is_half_written_waits(calibrated: Path) -> None:
+    text = (calibrated / "sound.csv").read_text()
+    file = calibrated / "half.csv"
+    file.write_text("\n".join(text.splitlines()[:4]) + "\n0.1,0.2")
+    found = answer("check", calibrated / "results", file, "--follow", "--seconds", "0.1")
+    assert found["rows"] == 3
+    assert found["unchanged"]
+    message = refused("check", calibrated / "results", file.with_name("none.csv"), "--follow",
+        "--seconds", "0.1")  # fmt: skip
+    assert "none.csv" in message
