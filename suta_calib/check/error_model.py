@@ -45,7 +45,7 @@ _POSTURE: Final = 0.0, 0.3, 1.0, 4.0
 _NEAR: Final = 0.3, 1.0, 4.0
 _REACH: Final = 0.5, 2.0
 # Of the probability, a part that one kind of noise must have to count.
-_COUNTS: Final = 0.02
+_COUNTS: Final = 0.05
 
 
 @dataclass(frozen=True)

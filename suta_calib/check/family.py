@@ -22,8 +22,8 @@ from suta_calib.arrays import FloatArray
 from suta_calib.trust.evidence import Evidence
 from suta_calib.trust.linear_fit import LinearFit
 
-# Draws beyond the level on which its threshold rests: known to a fifteenth.
-_BEYOND: Final = 200
+# Draws beyond the level on which its threshold rests: known to a tenth.
+_BEYOND: Final = 100
 # Degrees of freedom that are as good as infinitely many.
 _MANY: Final = 1e5
 
@@ -80,7 +80,7 @@ class Family:
             p = np.ones(count)
             for e, by_basis in zip(evidence, in_basis, strict=True):
                 gain = np.sum((along @ by_basis.T) ** 2, axis=1)
-                p = np.minimum(p, fdtrc(e.rank, freedom, gain / e.rank))
+                _lower(p, e.rank, freedom, gain, false_alarm)
             beyond = of_all - basis.shape[1]
             every = np.sum(along**2, axis=1)
             if beyond > 0:
@@ -88,7 +88,7 @@ class Family:
                     np.sum((basis.T @ covariance) * basis.T)
                 )
                 every += scale[:, 0] ** 2 * whole / beyond * random.chisquare(beyond, count)
-            p = np.minimum(p, fdtrc(of_all, freedom, every / of_all))
+            _lower(p, of_all, freedom, every, false_alarm)
             least.append(p)
         threshold = float(np.quantile(np.concatenate(least), false_alarm))
         return cls(false_alarm, freedom, false_alarm / max(threshold, 1e-300), of_all)
@@ -106,6 +106,17 @@ class Family:
         """Noncentrality of a test of so many numbers that is found with a probability."""
         most = float(fdtri(rank, self.freedom, 1.0 - self.false_alarm / self.tests))
         return float(ncfdtrinc(rank, self.freedom, 1.0 - power, most))
+
+
+def _lower(
+    p: FloatArray, rank: int, freedom: float, gain: FloatArray, false_alarm: float
+) -> None:
+    """Lower p-values (n,) to those of a test with these gains, as far as it matters.
+
+    The quantile of the smallest of many p-values is no larger than that of one.
+    """
+    small = gain > rank * fdtri(rank, freedom, max(1.0 - 2.0 * false_alarm, 0.0))
+    p[small] = np.minimum(p[small], fdtrc(rank, freedom, gain[small] / rank))
 
 
 def _scores(fit: LinearFit, evidence: Evidence) -> FloatArray:
