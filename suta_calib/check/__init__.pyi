@@ -4,7 +4,7 @@ from .checking import Checker as Checker
 from .checking import FoundChange as FoundChange
 from .checking import FoundPower as FoundPower
 from .follow import Follow as Follow
-from .follow import Step as Step
+from .follow import FollowStep as FollowStep
 from .repair import Repair as Repair
 from .repair import can_repair as can_repair
 from .repair import repaired as repaired

@@ -108,9 +108,7 @@ class Family:
         return float(ncfdtrinc(rank, self.freedom, 1.0 - power, most))
 
 
-def _lower(
-    p: FloatArray, rank: int, freedom: float, gain: FloatArray, false_alarm: float
-) -> None:
+def _lower(p: FloatArray, rank: int, freedom: float, gain: FloatArray, false_alarm: float) -> None:
     """Lower p-values (n,) to those of a test with these gains, as far as it matters.
 
     The quantile of the smallest of many p-values is no larger than that of one.

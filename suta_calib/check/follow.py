@@ -48,7 +48,7 @@ _FAR: Final = 1e-4
 
 
 @dataclass(frozen=True)
-class Step:
+class FollowStep(Displayable):
     """After a row.
 
     Attributes:
@@ -97,7 +97,7 @@ class Follow(Displayable):
     _most: float = field(default=0.0, init=False)
 
     @single_threaded
-    def add(self, term: Term, first: int = 0) -> Step:
+    def add(self, term: Term, first: int = 0) -> FollowStep:
         """Take more rows, all of one kind, and decide.
 
         Args:
@@ -110,9 +110,9 @@ class Follow(Displayable):
         return self.step
 
     @property
-    def step(self) -> Step:
+    def step(self) -> FollowStep:
         """What is known after the rows so far."""
-        return Step(
+        return FollowStep(
             len(self._rows) + len(self._held) + len(self._bad),
             math.exp(min(self._most, 700.0)),
             1.0 / self.false_alarm,

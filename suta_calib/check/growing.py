@@ -46,7 +46,7 @@ def growing(file: Path, seconds: float | None) -> Iterator[Path]:
             time.sleep(_PAUSE)
 
 
-def named(error: InputError, copy: Path, file: Path) -> InputError:
+def about_file(error: InputError, copy: Path, file: Path) -> InputError:
     """An error about the copy as one about the file."""
     if error.file != copy:
         return error

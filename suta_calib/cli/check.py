@@ -10,7 +10,7 @@ import click
 
 from suta_calib.assessment import attempt
 from suta_calib.check import FALSE_ALARM, Check, Follow, can_repair, repaired
-from suta_calib.check.growing import growing, named
+from suta_calib.check.growing import about_file, growing
 from suta_calib.check.history import line_of, recall, remember
 from suta_calib.check.read_back import ReadBack, read_back
 from suta_calib.cli._options import PATH, POSITIVE, FiniteRange, Folder, anyway_option, flag, option
@@ -57,7 +57,7 @@ def check(
     """Check whether a calibration is still right, by a few new rows.
 
     RESULT is the folder of a result, or its result.json. SAMPLES are new rows of a kind that the
-    job had; of pictures, the samples and the corners. What changed is named: base, tip, instrument,
+    job had; of pictures, the samples and the corners. What changed is about_file: base, tip, instrument,
     camera, board, a placement, the zero of a joint, a link, the scale. The exit code is 1 if
     something changed.
 
@@ -96,7 +96,7 @@ def _followed(
             try:
                 (term,) = written.terms([copy], like)
             except InputError as error:
-                raise named(error, copy, file) from None
+                raise about_file(error, copy, file) from None
             step, done = follow.add(term, done), len(term.poses)
             if not quiet:
                 waits = ", the last one is far off and waits for the next" if step.held else ""
