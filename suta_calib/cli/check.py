@@ -57,7 +57,7 @@ def check(
     """Check whether a calibration is still right, by a few new rows.
 
     RESULT is the folder of a result, or its result.json. SAMPLES are new rows of a kind that the
-    job had; of pictures, the samples and the corners. What changed is about_file: base, tip, instrument,
+    job had; of pictures, the samples and the corners. What changed is named: base, tip, instrument,
     camera, board, a placement, the zero of a joint, a link, the scale. The exit code is 1 if
     something changed.
 
