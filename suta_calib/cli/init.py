@@ -5,23 +5,29 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 from shlex import quote
+from typing import Final
 
 import click
 
 from suta_calib.atomic import check_folder
-from suta_calib.cli._options import PATH, option, urdf_argument
+from suta_calib.cli._options import PATH, flag, option, urdf_argument
 from suta_calib.errors import InputError
 from suta_calib.exchange.imported import ImportedFile
+from suta_calib.exchange.lerobot_motors import read_motors
 from suta_calib.exchange.reader import read_foreign
 from suta_calib.exchange.recognition import recognised_format
 from suta_calib.inputs import UrdfFile, XacroFile
 from suta_calib.job.arm_grade import ARM_GRADES, guessed_grade
 from suta_calib.job.new_job import Template, new_job, write_job
+from suta_calib.job.pen import PEN, with_pen
 from suta_calib.model.arm import ArmModel
 from suta_calib.model.chain import ends, other_chains
 from suta_calib.model.robot import AnyArm, Robot
 from suta_calib.model.urdf_tree import read_tree
+from suta_calib.terms.hand_eye_start import EYE_IN_HAND, EYE_TO_HAND, EyeSetup
 from suta_calib.words import listed
+
+_PLACES: Final[dict[str, EyeSetup]] = {"hand": EYE_IN_HAND, "beside": EYE_TO_HAND}
 
 
 @click.command()
@@ -49,6 +55,23 @@ from suta_calib.words import listed
     "from the URDF.",
     click.Choice([*ARM_GRADES]),
 )
+@flag(
+    "--pen",
+    "The hand holds a pen, at a place that nobody measured: the job has a copy of the URDF with a "
+    "link pen_tip on the tip, and finds where its point is.",
+)
+@option(
+    "--camera NAME=hand|beside",
+    "A camera that sees a printed board: on the hand, or beside the arm; may be repeated.",
+    name="cameras",
+    multiple=True,
+)
+@option(
+    "--lerobot FILE.json",
+    "LeRobot's calibration of the arm: also writes device.yaml, for its motors.",
+    PATH,
+)
+@option("--port", "Port of the motors, for device.yaml.", default="/dev/ttyACM0")
 def init(
     urdf: UrdfFile,
     tips: tuple[str, ...],
@@ -56,10 +79,15 @@ def init(
     out: Path,
     kinds: tuple[str, ...],
     grade: str | None,
+    pen: bool,
+    cameras: tuple[str, ...],
+    lerobot: Path | None,
+    port: str,
 ) -> None:
     """Start a job for the arm in URDF: commented files to fill in. Overwrites nothing.
 
-    With several --tip NAME=LINK, the job has a chain for each of them.
+    With several --tip NAME=LINK, the job has a chain for each of them. For a printed or hobby arm,
+    sheet.svg is a sheet of crosses to print; with --camera, board.svg a board.
 
     Instead of a URDF you can give a .xacro file, with --xacro-arg for its arguments, or a model of
     MuJoCo (MJCF), which is converted to a URDF beside the job.
@@ -74,6 +102,10 @@ def init(
             raise click.UsageError(f"found no --tip; {expected}")
         tips = tree.leaves
         click.echo(f"{urdf}: the tip is {tips[0]}, at the end of the only chain.", err=True)
+    if pen:
+        if len(tips) != 1 or "=" in tips[0]:
+            raise InputError(f"--pen with {len(tips)} tips", "one --tip", where="--pen")
+        source, tips = with_pen(source, tips[0], Path(urdf).parent, out), (PEN,)
     arm = _arm(source, tips, base)
     notes = [note for chain in arm.chained for note in chain.notes]
     for note in (*(made.notes if made else ()), *(f"{n}." for n in dict.fromkeys(notes))):
@@ -85,10 +117,15 @@ def init(
             "unknown: give --tip NAME=LINK for each.",
             err=True,
         )
-    named = urdf if made is None else out / Path(urdf).with_suffix(made.kind).name
-    files = new_job(arm, out, kinds=kinds, grade=grade, urdf=named)
-    if made is not None:
-        files = (*files, Template(Path(named), made.text()))
+    written = source if isinstance(source, str) else None
+    named = urdf if written is None else out / Path(urdf).with_suffix(".urdf").name
+    files = new_job(
+        *(arm, out), kinds=kinds, grade=grade, urdf=named, cameras=_cameras(cameras), pen=pen
+    )
+    if lerobot is not None:
+        files = (*files, Template(out / "device.yaml", _device(lerobot, port, arm.joints)))
+    if written is not None:
+        files = (*files, Template(Path(named), written))
     check_folder(out)
     write_job(files)
     if grade is None:
@@ -114,6 +151,38 @@ def _arm(urdf: Path | XacroFile | str, tips: Sequence[str], base: str | None) ->
             if given.count(one) > 1:
                 raise InputError(f"the {what} '{one}' twice", f"each {what} once", where="--tip")
     return Robot.from_urdf(urdf, {name: (link, base) for name, link in named})
+
+
+def _cameras(given: Sequence[str]) -> dict[str, EyeSetup]:
+    """Cameras by name, of words NAME=hand and NAME=beside."""
+    cameras = dict[str, EyeSetup]()
+    for word in given:
+        name, _, place = word.partition("=")
+        if not name or place not in _PLACES or name in cameras:
+            expected = f"{' or '.join(f'NAME={where}' for where in _PLACES)}, each name once"
+            raise InputError(repr(word), expected, where="--camera")
+        cameras[name] = _PLACES[place]
+    return cameras
+
+
+def _device(calibration: Path, port: str, joints: Sequence[str]) -> str:
+    """``device.yaml`` of LeRobot's motors, by the names of the arm's joints."""
+    motors = [*read_motors(calibration)]
+    pairs = tuple(f"{motor}={joint}" for motor, joint in zip(motors, joints, strict=False))
+    if {*joints} <= {*motors}:
+        pairs = ()
+    elif len(motors) < len(joints):
+        problem = f"{len(motors)} motors for {len(joints)} joints"
+        raise InputError(problem, "a motor for each joint", file=calibration)
+    else:
+        click.echo(
+            f"{calibration}: motors and joints have different names, and are taken in order. "
+            "suta-calib motors finds out whether that is right.",
+            err=True,
+        )
+    made = read_foreign(calibration, "lerobot-calibration", port=port, motors=pairs)
+    assert isinstance(made, ImportedFile)
+    return made.text()
 
 
 def _converted(path: Path) -> ImportedFile | None:

@@ -8,19 +8,27 @@ import os
 import textwrap
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path, PurePosixPath
+from types import MappingProxyType
 from typing import Final, NamedTuple
+
+import numpy as np
 
 from suta_calib.errors import JobError, OutputError
 from suta_calib.inputs import UrdfFile, XacroFile
 from suta_calib.job.arm_grade import ArmGrade, arm_grade, finds_places, guessed_grade
-from suta_calib.measurements import write_text
+from suta_calib.job.printed_sheets import chessboard_svg, crosses_svg
+from suta_calib.measurements import Chessboard, write_text
 from suta_calib.measurements.csv_table import rotation_columns
 from suta_calib.measurements.sample_files import check_joint_names
 from suta_calib.model.arm import ArmModel
+from suta_calib.model.parameters import POSITION, ROTATION
 from suta_calib.model.robot import AnyArm, Robot
 from suta_calib.model.urdf_tree import read_tree
 from suta_calib.simulation.schema import PORTABLE_NAME
 from suta_calib.terms import KINDS
+from suta_calib.terms.camera_row import CAMERA_FILES
+from suta_calib.terms.hand_eye_start import EYE_IN_HAND, EYE_TO_HAND, EyeSetup
+from suta_calib.units import from_mm, mm
 
 _LANDMARKS: Final = """\
 # position_mm: place of the seated tip's origin, in the artefact's frame.
@@ -39,6 +47,23 @@ landmarks:
   C: {{position_mm: [0, 120, 60], sigma_mm: 0.01}}
   D: {{position_mm: [90, 110, 20], sigma_mm: 0.01}}
 """
+# Pictures of a board.
+_PICTURES: Final = next(kind for kind in KINDS.values() if kind.columns.pixels)
+# Of the sheet, m; a board that a hobby arm can hold.
+_CROSSES: Final = {
+    f"{row}{k}": from_mm(np.array([80.0 * n, 50.0 * (k - 3), 0.0]))
+    for n, row in enumerate("ABC")
+    for k in range(1, 6)
+}
+_CHESSBOARD: Final = Chessboard(8, 5, from_mm(15.0))
+_BOARD: Final = """\
+# Inner corners: columns, rows. Other types: charuco, markers. board.svg is this board, to print:
+# measure it, and correct square_mm.
+type: chessboard
+corners: [8, 5]
+square_mm: 15
+grade: printed
+"""
 _SHEET: Final = f"""\
 # The crosses of a printed sheet; the numbers below are an example: write yours.
 {_LANDMARKS}name: my sheet
@@ -52,9 +77,8 @@ stretch: free
 # scale_ppm: 1000   # uncomment it as soon as the sheet is measured
 landmarks:
 """ + "".join(
-    f"  {row}{k}: {{position_mm: [{80 * n}, {50 * (k - 3)}, 0], sigma_mm: 0.1}}\n"
-    for n, row in enumerate("ABC")
-    for k in range(1, 6)
+    f"  {name}: {{position_mm: [{mm(at[0]):g}, {mm(at[1]):g}, 0], sigma_mm: 0.1}}\n"
+    for name, at in _CROSSES.items()
 )
 
 
@@ -72,6 +96,8 @@ def new_job(
     kinds: Sequence[str] = (),
     grade: str | None = None,
     urdf: UrdfFile | None = None,
+    cameras: Mapping[str, EyeSetup] = MappingProxyType({}),
+    pen: bool = False,
 ) -> tuple[Template, ...]:
     """Files of a job for an arm, of kinds of observation, each once; nothing is written yet.
 
@@ -81,6 +107,9 @@ def new_job(
         kinds: of observation, each once; those that suit the grade by default.
         grade: how the arm was made, of `ARM_GRADES`; guessed by default.
         urdf: the file that the job names; the one that the arm was read from by default.
+        cameras: by name, whether each is on the hand or beside the arm. Each has a folder for its
+            samples and corners, and all see a board from one file.
+        pen: whether the tip is the point of a pen whose place in the hand nobody measured.
 
     Returns:
         ``calibration.yaml``, ``artefact.yaml`` and what else a kind needs, and empty samples files.
@@ -91,10 +120,13 @@ def new_job(
         SamplesError: a joint is called as a column of one of the kinds.
     """
     chains = dict(arm.chains) if isinstance(arm, Robot) else {"": arm}
-    for name in chains:
-        if name and not PORTABLE_NAME.fullmatch(name):
-            expected = "letters, digits, '_', '-' and '.', because it names a folder of samples"
-            raise JobError(f"the chain '{name}'", expected, where="--tip")
+    for what, named, where in (("chain", chains, "--tip"), ("camera", cameras, "--camera")):
+        for name in filter(None, named):
+            if not PORTABLE_NAME.fullmatch(name):
+                expected = "letters, digits, '_', '-' and '.', because it names a folder of samples"
+                raise JobError(f"the {what} '{name}'", expected, where=where)
+    if cameras and isinstance(arm, Robot):
+        raise JobError("cameras of several chains", "one chain with --camera", where="--camera")
     made, reason = guessed_grade(arm) if grade is None else (arm_grade(grade), "")
     kinds = kinds or made.kinds
     for kind in kinds:
@@ -113,11 +145,20 @@ def new_job(
     files = [
         Template(
             folder / "calibration.yaml",
-            _job(arm, made, reason, _named(urdf or arm.urdf[0], folder), folders),
+            _job(arm, made, reason, _named(urdf or arm.urdf[0], folder), folders, cameras, pen=pen),
         )
     ]
     if any(KINDS[kind].needs_artefact for kind in kinds):
         files.append(Template(folder / "artefact.yaml", _SHEET if made.sheet else _ARTEFACT))
+        if made.sheet:
+            files.append(Template(folder / "sheet.svg", crosses_svg(_CROSSES)))
+    if cameras:
+        files += [
+            Template(folder / "board.yaml", _BOARD),
+            Template(folder / "board.svg", chessboard_svg(_CHESSBOARD)),
+        ]
+    for name in cameras:
+        files += _of_camera(folder, name, arm)
     begun = {name: text for kind in kinds for name, text in KINDS[kind].files.items()}
     files += [Template(folder / name, text) for name, text in begun.items()]
     for (kind, name), ends in folders.items():
@@ -168,6 +209,9 @@ def _job(
     reason: str,
     urdf: str,
     folders: Mapping[tuple[str, str], tuple[str, str]],
+    cameras: Mapping[str, EyeSetup],
+    *,
+    pen: bool,
 ) -> str:
     guessed = f", as guessed: {reason}" if reason else ""
     if isinstance(arm, Robot):
@@ -183,8 +227,8 @@ def _job(
         arm=about,
         joints="\n".join(_wrapped(line, "#   ") for line in joints),
         grade=_wrapped(f"Its grade is {grade.name} ({grade.about}){guessed}.", "# "),
-        parameters="\n".join(_parameters(arm, grade)),
-        rows="\n".join(_explained(folders)),
+        parameters="\n".join(_parameters(arm, grade, pen=pen)),
+        rows="\n".join([*_explained(folders), *_camera_rows(cameras)]),
         held_out="\n".join(
             _row(*of, held_out) for of, (_, held_out) in folders.items() if held_out
         ),
@@ -207,7 +251,33 @@ def _named(urdf: UrdfFile, folder: Path) -> str:
     return f"{{file: {file}, args: {{{', '.join(given)}}}}}"
 
 
-def _parameters(arm: AnyArm, grade: ArmGrade) -> Iterator[str]:
+def _of_camera(folder: Path, name: str, arm: AnyArm) -> Iterator[Template]:
+    """Begun files of a camera: what its pictures show, and where the arm was."""
+    yield Template(folder / name / "corners.csv", CAMERA_FILES["corners.csv"])
+    header = ",".join(("image", *arm.joints))
+    yield Template(folder / name / "samples.csv", f"{header}\n")
+
+
+def _camera_rows(cameras: Mapping[str, EyeSetup]) -> Iterator[str]:
+    """A row for each camera."""
+    for name, setup in cameras.items():
+        seen = "a board that lies still" if setup == EYE_IN_HAND else "a board in the hand"
+        yield _wrapped(
+            f"Camera {name}, {_PLACES[setup]}: it sees {seen}. Without a key camera its lens is "
+            "found from the same pictures.",
+            "  # ",
+        )
+        yield f"""\
+  - kind: {_PICTURES.kind}
+    label: {_quoted(name)}
+    target: {_quoted(f"seen by {name}")}
+    setup: {setup}
+    corners: {name}/corners.csv
+    board: board.yaml
+    samples: {name}/samples.csv"""
+
+
+def _parameters(arm: AnyArm, grade: ArmGrade, *, pen: bool) -> Iterator[str]:
     """The rows of the job's ``parameters``: offsets, placements, and what would say both twice."""
     units = {arm.parameters[name].unit for name in arm.offsets}
     yield "  - select:"
@@ -224,6 +294,12 @@ def _parameters(arm: AnyArm, grade: ArmGrade) -> Iterator[str]:
         yield "  - select:"
         yield from (f"      - {_quoted(name)}" for name in arm.like_offsets)
         yield "    fixed: true"
+    if pen:
+        (tip,) = (chain.tip for chain in arm.chained)
+        place, turn = ([_quoted(f"{tip}.{key}") for key in keys] for keys in (POSITION, ROTATION))
+        yield "  # The point of the pen is somewhere in the hand. How the pen turns is no matter."
+        yield f"  - {{select: [{', '.join(place)}], prior_mm: 50}}"
+        yield f"  - {{select: [{', '.join(turn)}], fixed: true}}"
 
 
 def _explained(folders: Mapping[tuple[str, str], tuple[str, str]]) -> Iterator[str]:
@@ -271,6 +347,10 @@ def _quoted(text: str) -> str:
     return '"' + text.replace("\\", "\\\\").replace('"', '\\"') + '"'
 
 
+_PLACES: Final[Mapping[EyeSetup, str]] = {
+    EYE_IN_HAND: "on the hand",
+    EYE_TO_HAND: "beside the arm",
+}
 _POSE: Final = """\
     # Pose of the artefact in the arm's base frame, by a ruler. Without it the place of the base
     # cannot be estimated. Uncomment it, with your labels, numbers and standard deviations.

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 from hobby_arms import sheet
-from servo_arms import SLOPE, TABLE, TICKS, ServoArm, placed
+from servo_arms import SLOPE, TABLE, TICKS, ServoArm, arm_with_pen, placed
 
 from suta_calib.acquisition.motor_mapping import MotorMap, map_motors
 from suta_calib.acquisition.motor_search import MotorMapOptions
@@ -19,7 +18,6 @@ from suta_calib.geometry.numbers import rotation_from_rpy, wrap
 from suta_calib.measurements import Samples
 from suta_calib.terms import ArmPoses, GivenPose, TouchedLandmark
 
-URDF = Path(__file__).parents[2] / "examples/so101_printed_sheet/arm.urdf"
 POSTURE = (0.0, -20.0, 45.0, 45.0, 0.0)
 OPTIONS = MotorMapOptions(tip_std=0.05, starts=1)
 # As a Koch arm has them: motors named otherwise, some turned round.
@@ -48,7 +46,7 @@ def mapped(servos: ServoArm, term: TouchedLandmark, **options: Any) -> MotorMap:
 
 @pytest.fixture(scope="module")
 def servos() -> ServoArm:
-    return ServoArm.made(URDF, "pen_point", 1, order=ORDER, signs=SIGNS)
+    return ServoArm.made(arm_with_pen(), 1, order=ORDER, signs=SIGNS)
 
 
 @pytest.fixture(scope="module")
@@ -120,7 +118,7 @@ def test_counts_of_a_turn_show_in_the_touches(
 
 def test_a_direction_that_does_not_show_is_not_guessed() -> None:
     """The hand is never turned: whether the last motor counts backwards is open."""
-    servos = ServoArm.made(URDF, "pen_point", 1, order=ORDER, signs=SIGNS)
+    servos = ServoArm.made(arm_with_pen(), 1, order=ORDER, signs=SIGNS)
     still = touched(servos, (0,), turn_deg=2.0)
     answer = mapped(servos, still)
     assert answer.status == "ambiguous"
@@ -172,7 +170,7 @@ def test_forty_arms_are_mapped_or_left_open() -> None:
         random = np.random.default_rng(seed)
         order = random.permutation(5).tolist()
         signs = random.choice((1, -1), 5).tolist()
-        arm = ServoArm.made(URDF, "pen_point", seed, order=order, signs=signs)
+        arm = ServoArm.made(arm_with_pen(), seed, order=order, signs=signs)
         answer = mapped(arm, touched(arm))
         right = (answer.best.motors.tolist(), answer.best.signs.tolist()) == (order, signs)
         assert right or answer.status != "found"

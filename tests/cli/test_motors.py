@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from cli_job import answer, refused
 from hobby_arms import sheet
-from servo_arms import SLOPE, TABLE, ServoArm, placed
+from servo_arms import SLOPE, TABLE, ServoArm, arm_with_pen, placed
 
 from suta_calib.device.device_file import device_text, read_device
 from suta_calib.job import CalibrationJob
@@ -18,7 +18,6 @@ from suta_calib.measurements.artefact import write_artefact
 
 pytestmark = pytest.mark.usefixtures("undrawn")
 
-URDF = Path(__file__).parents[2] / "examples/so101_printed_sheet/arm.urdf"
 ORDER, SIGNS = (0, 1, 3, 2, 4), (1, -1, 1, 1, -1)
 
 
@@ -26,13 +25,9 @@ ORDER, SIGNS = (0, 1, 3, 2, 4), (1, -1, 1, 1, -1)
 def job(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A job as init writes it, measured with a device.yaml that nobody checked."""
     folder = tmp_path_factory.mktemp("servos") / "my_arm"
-    servos = ServoArm.made(URDF, "pen_point", 2, order=ORDER, signs=SIGNS)
-    urdf = folder / "arm.urdf"
-    write_job(new_job(servos.arm, folder, urdf=urdf))
-    urdf.write_bytes(URDF.read_bytes())
-    text = (folder / "calibration.yaml").read_text()
-    tip = "  - {select: ['pen_point.[xyz]'], prior_mm: 50}\n\n# What was measured"
-    (folder / "calibration.yaml").write_text(text.replace("\n# What was measured", tip))
+    folder.mkdir()
+    servos = ServoArm.made(arm_with_pen(folder), 2, order=ORDER, signs=SIGNS)
+    write_job(new_job(servos.arm, folder, pen=True))
     write_artefact(folder / "artefact.yaml", sheet())
     (folder / "calibration/samples.csv").unlink()
     for name, place in (("table", TABLE), ("slope", SLOPE)):

@@ -1,8 +1,9 @@
 """Arms of hobby servos: 4096 ticks a turn, play that gravity takes up, motors in any order.
 
-A joint whose axis is not vertical lies on the side of its play that gravity presses it to; the
-others lie anywhere within it. Horns were put on by hand, lengths and axes are those of printed
-parts, and nobody measured where the tip is in the hand.
+A joint that the hand's weight loads lies on one side of its play. The others lie anywhere within
+the part of it that whoever moves the arm leaves: pushed lightly to one side, a quarter. Horns were
+put on by hand, lengths and axes are those of printed parts, and nobody measured where the tip is
+in the hand.
 """
 
 from __future__ import annotations
@@ -17,11 +18,13 @@ from suta_calib import ArmModel
 from suta_calib.arrays import FloatArray, IntArray
 from suta_calib.device.description import DeviceSpec, JointSpec
 from suta_calib.geometry.numbers import rotation_from_rpy
+from suta_calib.job.pen import PEN, with_pen
 from suta_calib.measurements.artefact import Artefact
 from suta_calib.model.parameters import OFFSET, POSITION
 from suta_calib.simulation import InverseKinematics, Targets
 from suta_calib.units import from_deg
 
+URDF = Path(__file__).parents[2] / "examples/so101_printed_sheet/arm.urdf"
 TICKS = 4096
 # Places of the sheet: position, mm, and roll, pitch, yaw, deg; as on a table, and on a slope.
 TABLE = ((170.0, 0.0, 0.0), (0.0, 0.0, 0.0))
@@ -39,6 +42,7 @@ class ServoArm:
         order: (n,) for each joint, the number of its motor on the bus, from 0.
         signs: (n,) 1 or -1, of each joint.
         play: total play of a servo, rad.
+        left: share of it that is left where gravity does not take it up.
         random: of everything.
     """
 
@@ -48,6 +52,7 @@ class ServoArm:
     order: IntArray
     signs: IntArray
     play: float
+    left: float
     random: np.random.Generator
     device: DeviceSpec = field(init=False)
 
@@ -62,19 +67,18 @@ class ServoArm:
     @classmethod
     def made(
         cls,
-        urdf: Path,
-        tip: str,
+        arm: ArmModel,
         seed: int,
         *,
         zero_deg: float = 10.0,
         play_deg: float = 1.5,
+        left: float = 0.25,
         order: Sequence[int] | None = None,
         signs: Sequence[int] | None = None,
-        pen: Sequence[float] = (0.02, -0.005, 0.01),
+        pen: Sequence[float] = (0.04, -0.005, 0.1),
     ) -> ServoArm:
         """An arm of a seed: ``zero_deg`` is the standard deviation of the horns' places."""
         random = np.random.default_rng([41, seed])
-        arm = ArmModel.from_urdf(urdf, tip)
         truth = dict[str, float]()
         for name, p in arm.parameters.items():
             if p.key == OFFSET or name in arm.like_offsets or name not in arm.geometric:
@@ -91,29 +95,46 @@ class ServoArm:
             *(arm, truth, from_deg(zero_deg) * random.standard_normal(n)),
             np.arange(n) if order is None else np.array(order),
             np.ones(n, dtype=int) if signs is None else np.array(signs),
-            *(from_deg(play_deg), random),
+            *(from_deg(play_deg), left, random),
         )
 
     def ticks(self, q: FloatArray) -> IntArray:
         """Present_Position (k, motors) at true angles (k, n)."""
-        height = np.array([self._rise(joint, q) for joint in range(q.shape[1])]).T
-        # Where a turn lifts the tip by less than 20 mm per rad, gravity does not hold the joint.
-        loaded = np.abs(height) > 0.02
-        slack = self.random.uniform(-0.5, 0.5, q.shape)
-        within = np.where(loaded, -0.5 * np.sign(height) + 0.04 * slack, slack)
-        angles = (q - self.zero + self.play * within) * self.signs
+        angles = self.read_at(q, self.random.uniform(-0.5, 0.5, q.shape)) * self.signs
         ticks = np.rint(angles * TICKS / (2 * np.pi)).astype(int) + TICKS // 2
         sent = np.empty_like(ticks)
         sent[:, self.order] = ticks
         return sent
 
+    def read_at(self, q: FloatArray, slack: FloatArray | float = 0.0) -> FloatArray:
+        """Angles (k, n) of the joints as servos read them at true angles, rad.
+
+        Args:
+            q: true angles.
+            slack: where within its play a joint is that gravity does not hold, from -0.5 to 0.5.
+        """
+        side = self.hanging(q)
+        within = np.where(side != 0, -0.5 * side + 0.04 * slack, self.left * slack)
+        return np.asarray(q - self.zero + self.play * within)
+
+    def hanging(self, q: FloatArray) -> FloatArray:
+        """On which side of its play each joint hangs: -1 or 1, 0 if gravity does not hold it."""
+        rise = np.array([self._rise(joint, q) for joint in range(q.shape[1])]).T
+        # Where a turn lifts the tip by less than 20 mm per rad, friction decides.
+        return np.asarray(np.sign(rise) * (np.abs(rise) > 0.02))
+
     def _rise(self, joint: int, q: FloatArray) -> FloatArray:
-        """By how much the tip rises with an angle, m/rad."""
+        """By how much a point on the axis of the last joint rises with an angle, m/rad."""
         step = 1e-4
         moved = q.copy()
         moved[:, joint] += step
-        rise = self.at(moved)[1] - self.at(q)[1]
-        return np.asarray(rise[:, 2] / step)
+        return np.asarray((self._hand(moved) - self._hand(q)) / step)
+
+    def _hand(self, q: FloatArray) -> FloatArray:
+        """How high the hand is, m: where the URDF's last frame begins."""
+        rotation, position = self.at(q)
+        tip = np.array([self.truth[f"{self.arm.tip}.{axis}"] for axis in "xyz"])
+        return np.asarray((position - rotation @ tip)[:, 2])
 
     def at(self, q: FloatArray) -> tuple[FloatArray, FloatArray]:
         """True poses of the tip."""
@@ -132,7 +153,7 @@ class ServoArm:
         found, missing = np.zeros((len(crosses), len(lower))), np.arange(len(crosses))
         kinematics = InverseKinematics(self.arm, self.truth)
         spread = np.radians([25.0] * (len(lower) - 1) + [turn_deg])
-        for _ in range(40):
+        for tries in range(40):
             starts = np.radians(posture_deg) + spread * self.random.uniform(
                 -1, 1, (len(missing), len(lower))
             )
@@ -141,19 +162,28 @@ class ServoArm:
             )
             answer = kinematics.solve(targets, starts, self.random, starts=1)
             inside = ((answer.q > lower + 0.1) & (answer.q < upper - 0.1)).all(axis=1)
-            rotation, _ = self.at(answer.q)
-            hand = self._hand(rotation)
-            good = answer.reached & inside & (hand > 0.03)
+            hand = self._hand(answer.q) - self.at(answer.q)[1][:, 2]
+            # The hand leans to one side, so that its weight always takes up the same play,
+            # where that is possible.
+            leaning = (self.hanging(answer.q)[:, 1:-1] == self._leaning(posture_deg)).all(axis=1)
+            good = answer.reached & inside & (hand > 0.03) & (leaning | (tries > 25))
             found[missing[good]] = answer.q[good]
             missing = missing[~good]
             if not len(missing):
                 return found
         raise AssertionError(f"{len(missing)} places out of reach")
 
-    def _hand(self, rotation: FloatArray) -> FloatArray:
-        """How far the hand is above the tip, m: where the URDF's last frame begins."""
-        tip = np.array([self.truth[f"{self.arm.tip}.{axis}"] for axis in "xyz"])
-        return np.asarray(-(rotation @ tip)[:, 2])
+    def _leaning(self, posture_deg: Sequence[float]) -> FloatArray:
+        return self.hanging(np.radians([posture_deg]))[:, 1:-1]
+
+
+def arm_with_pen(folder: Path | None = None) -> ArmModel:
+    """The five-joint arm of the examples with a pen in its hand, as ``init --pen`` writes it."""
+    text = with_pen(URDF, "hand", URDF.parent, URDF.parent)
+    if folder is None:
+        return ArmModel.from_urdf(text, PEN)
+    (folder / "arm.urdf").write_text(text)
+    return ArmModel.from_urdf(folder / "arm.urdf", PEN)
 
 
 def placed(artefact: Artefact, place: tuple[Sequence[float], Sequence[float]]) -> FloatArray:
