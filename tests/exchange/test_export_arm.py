@@ -440,3 +440,69 @@ def test_lerobot_in_and_out_again(bus: str, sign: int, result: Result, tmp_path:
         assert change * -sign == pytest.approx(np.rad2deg(offset), abs=0.5 * 360 / 4096 + 1e-9)
         assert {**changed[motor], "homing_offset": 0} == {**motors[motor], "homing_offset": 0}
     assert changed["gripper"] == motors["gripper"]
+
+
+@pytest.mark.parametrize(("bus", "sign"), [("feetech", -1), ("dynamixel", 1)])
+def test_the_middle_of_lerobots_range_becomes_the_zero_of_the_urdf(
+    bus: str, sign: int, result: Result, tmp_path: Path
+) -> None:
+    """With the device's file, whose zeros and motors are those of the samples.
+
+    A motor's own position does not change, so what it will report is its homing offset more or
+    less. In LeRobot's degrees the joint is then 0 where the URDF has it.
+    """
+    arm = arm_in(result)
+    joints = arm.model.joints
+    motors = {
+        f"motor_{k}": {
+            "id": 10 + k,
+            "drive_mode": 0,
+            "homing_offset": 100 * k,
+            "range_min": 0 if k == 1 else 700,
+            "range_max": 4095 if k == 1 else 3300,
+        }
+        for k in range(len(joints))
+    }
+    before, device = tmp_path / "before.json", tmp_path / "device.yaml"
+    before.write_text(json.dumps(motors))
+    # Motors in another order than the joints, every second one turned round.
+    zeros = [2000 + 30 * k - 90 for k in range(len(joints))]
+    specs = [
+        {"name": joint, "id": 10 + (k + 1) % len(joints), "sign": 1 - 2 * (k % 2), "zero": zeros[k]}
+        for k, joint in enumerate(joints)
+    ]
+    device.write_text(yaml.safe_dump({"port": "p", "format": bus, "joints": specs}))
+    changed = json.loads(
+        exported(
+            *(result, "lerobot", tmp_path), calibration=str(before), device=str(device)
+        ).read_text()
+    )
+    for k, (joint, spec) in enumerate(zip(joints, specs, strict=True)):
+        name = f"motor_{(k + 1) % len(joints)}"
+        old, new = motors[name], changed[name]
+        offset = arm.values.get(f"{joint}.offset", 0.0)
+        reported = spec["zero"] - spec["sign"] * offset * 4096 / (2 * np.pi)
+        own = reported - sign * old["homing_offset"]
+        middle = (new["range_min"] + new["range_max"]) / 2
+        apart = own + sign * new["homing_offset"] - middle
+        assert abs((apart + 2048) % 4096 - 2048) <= 1.0
+        assert abs(new["homing_offset"]) <= 2048
+        if old["range_max"] == 4095:
+            assert (new["range_min"], new["range_max"]) == (0, 4095)
+            continue
+        # No end of the range is beyond a stop of the joint.
+        ends = np.array([new["range_min"], new["range_max"]]) - sign * new["homing_offset"]
+        stops = np.array([old["range_min"], old["range_max"]]) - sign * old["homing_offset"]
+        assert ends[0] >= stops[0] - 1
+        assert ends[1] <= stops[1] + 1
+
+
+def test_a_zero_outside_the_range_is_refused(result: Result, tmp_path: Path) -> None:
+    joints = arm_in(result).model.joints
+    motor = {"drive_mode": 0, "homing_offset": 0, "range_min": 2000, "range_max": 2100}
+    before, device = tmp_path / "before.json", tmp_path / "device.yaml"
+    before.write_text(json.dumps({j: {"id": k, **motor} for k, j in enumerate(joints)}))
+    specs = [{"name": joint, "id": k, "zero": 3000} for k, joint in enumerate(joints)]
+    device.write_text(yaml.safe_dump({"port": "p", "format": "feetech", "joints": specs}))
+    with pytest.raises(InputError, match="ticks from the middle; expected a zero within the range"):
+        exported(result, "lerobot", tmp_path, calibration=str(before), device=str(device))

@@ -4,22 +4,27 @@ from __future__ import annotations
 
 import ast
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 import yaml
-from foreign import poses, transforms
+from foreign import poses, result_of, transforms
 from lxml import etree
 from scipy.spatial.transform import Rotation
 
 from suta_calib.errors import InputError
 from suta_calib.exchange import Result, Transform, read_result, write_foreign
+from suta_calib.geometry.numbers import homogeneous, rotation_from_rpy
 from suta_calib.measurements import Camera
+from suta_calib.model.arm import ArmModel
+from suta_calib.model.urdf_tree import read_tree
 from suta_calib.units import mm
 
 SAME = 1e-9
+EXAMPLE = Path(__file__).parents[2] / "examples/so101_printed_sheet/arm.urdf"
 POSES = transforms(*poses(2))
 CAMERA = Camera(
     1280, 960, np.array([1010.5, 1009.25, 640.1, 479.9, -0.12, 0.031, 1e-4, -2.5e-5, 1e-3])
@@ -176,3 +181,30 @@ def test_frames_have_the_users_names_and_only_their_pose_is_written(found: Resul
 def test_frames_that_are_not_there(options: dict[str, Any], says: str, found: Result) -> None:
     with pytest.raises(InputError, match=says):
         write_foreign(found, "ros-launch", **options)
+
+
+def test_a_urdf_gets_a_link_for_each_camera(tmp_path: Path) -> None:
+    """On the link that carries it, where the result has it; all else stays as it was."""
+    arm = ArmModel.from_urdf(EXAMPLE, "hand")
+    answer = result_of(arm, {}, tmp_path / "result.json")
+    cameras = ("camera_wrist", "camera_front", "board")
+    parents = ("hand", "base", "base")
+    pairs = zip(parents, cameras, POSES[[0, 1, 0]], strict=True)
+    found = replace(answer, transforms=tuple(Transform(*pair) for pair in pairs))
+    plain = write_foreign(found, "urdf").content.decode()
+    text = write_foreign(found, "urdf", cameras=True).content.decode()
+    assert text.startswith(plain.rpartition("</robot>")[0])
+    assert "board" not in text.removeprefix(plain.rpartition("</robot>")[0])
+    q = np.array([[0.3, -0.2, 0.5, 0.1, -0.4]])
+    hand = homogeneous(*(array[0] for array in arm.forward(q)))
+    for name, wanted in (("camera_wrist", hand @ POSES[0]), ("camera_front", POSES[1])):
+        tree = read_tree(text)
+        assert name in tree.links
+        joint = tree.joints[f"{name}_joint"].element.find("origin")
+        assert joint is not None
+        xyz, rpy = (np.array(str(joint.get(key)).split(), dtype=float) for key in ("xyz", "rpy"))
+        own = homogeneous(rotation_from_rpy(rpy), xyz)
+        parent = hand if name == "camera_wrist" else np.eye(4)
+        np.testing.assert_allclose(parent @ own, wanted, atol=1e-8)
+    with pytest.raises(InputError, match="a result without a camera"):
+        write_foreign(answer, "urdf", cameras=True)

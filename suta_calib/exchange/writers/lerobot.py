@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import math
-from typing import Final
+from typing import Any, Final
 
+from suta_calib.device.description import DeviceSpec
+from suta_calib.device.device_file import read_device
 from suta_calib.errors import InputError
 from suta_calib.exchange.joint_readings import COUNTS
 from suta_calib.exchange.lerobot_motors import DYNAMIXEL, FEETECH, MOTORS, counts_of, read_motors
@@ -21,6 +23,13 @@ BUS: Final = Option(
     "Type of the servos: Dynamixel adds a homing offset, Feetech subtracts it.",
     choices=(FEETECH, DYNAMIXEL),
 )
+DEVICE: Final = Option(
+    "device",
+    "The device.yaml of the samples: LeRobot's zeros become those of the URDF, whichever motor "
+    "moves a joint.",
+    "device.yaml",
+    file=True,
+)
 
 
 class LerobotWriter(OffsetsWriter):
@@ -29,13 +38,14 @@ class LerobotWriter(OffsetsWriter):
     name = "lerobot"
     summary = "LeRobot calibration JSON with corrected homing_offset"
     example = "results --format lerobot --calibration so101.json --out new.json"
-    options = (CALIBRATION, BUS, MOTORS, COUNTS)
+    options = (CALIBRATION, DEVICE, BUS, MOTORS, COUNTS)
     file = "exported_lerobot.json"
     notes = (
         "Homing offsets are whole ticks: smaller corrections are lost.",
         "Write them to the motors: LeRobot's calibration command offers to do that.",
         "Readings have the direction of Present_Position for any drive_mode, as LeRobot's "
-        "degrees and a device.yaml from import do.",
+        "degrees and a device.yaml from import do. If device.yaml has sign: -1 for a joint, its "
+        "degrees in LeRobot are those of the URDF times -1.",
     )
 
     def content(self, result: Result, given: Given) -> bytes:
@@ -43,7 +53,8 @@ class LerobotWriter(OffsetsWriter):
 
         A Feetech servo reports its position less its homing offset, a Dynamixel adds it: to read
         more, the offset is less, or more. The range stays, because LeRobot counts degrees from its
-        middle.
+        middle. With the device's file the middle becomes the zero of the URDF. As the stops do not
+        move with it, the range becomes as much smaller at both ends.
         """
         arm = result.need_arm(self.name)
         own_joints = arm.alone.own_joints
@@ -52,9 +63,13 @@ class LerobotWriter(OffsetsWriter):
             problem = "no calibration to correct"
             raise given.refuse(CALIBRATION, problem, "LeRobot's JSON of this arm")
         motors, counts = read_motors(path), counts_of(given)
+        at = given.path(DEVICE)
+        device = None if at is None else read_device(at)
         names = given.pairs(MOTORS)
-        sign = 1 if given.text(BUS, FEETECH) == DYNAMIXEL else -1
+        sign = 1 if given.text(BUS, _bus(device)) == DYNAMIXEL else -1
         joints = {names.get(motor, motor): motor for motor in motors}
+        if device is not None:
+            joints |= _by_number(device, motors)
         if missing := [joint for joint in own_joints if joint not in joints]:
             problem = f"no motor of the joint {missing[0]!r} among {', '.join(motors)}"
             expected = "a motor for each joint of the arm"
@@ -63,7 +78,43 @@ class LerobotWriter(OffsetsWriter):
         for joint in own_joints:
             if arm.model.units[joint] != "rad":
                 raise InputError(f"{joint}, which is prismatic", "revolute joints", file=path)
-            ticks = arm.values.get(f"{joint}.{OFFSET}", 0.0) * counts / math.tau
+            offset = arm.values.get(f"{joint}.{OFFSET}", 0.0)
             motor = motors[joints[joint]]
-            motor["homing_offset"] += sign * round(ticks)
+            if device is None or joint not in device.names:
+                motor["homing_offset"] += sign * round(offset * counts / math.tau)
+            else:
+                _centre(motor, _reading_at_zero(device, joint, offset), sign, counts)
         return json_bytes(motors)
+
+
+def _bus(device: DeviceSpec | None) -> str:
+    """The type of a device's servos; Feetech where it does not say."""
+    return DYNAMIXEL if device is not None and device.format == DYNAMIXEL else FEETECH
+
+
+def _by_number(device: DeviceSpec, motors: dict[str, dict[str, Any]]) -> dict[str, str]:
+    """Names of motors by the joints that have their numbers on the bus."""
+    numbered = {motor["id"]: name for name, motor in motors.items() if "id" in motor}
+    return {j.name: numbered[j.number] for j in device.joints if j.number in numbered}
+
+
+def _reading_at_zero(device: DeviceSpec, joint: str, offset: float) -> float:
+    """What a motor reports where the angle of its calibrated joint is 0, ticks."""
+    place = device.names.index(joint)
+    spec = device.joints[place]
+    return float(spec.zero - spec.sign * offset * device.turns[place] / math.tau)
+
+
+def _centre(motor: dict[str, Any], zero: float, sign: int, counts: int) -> None:
+    """Make the middle of a motor's range its zero, in place."""
+    least, most = motor["range_min"], motor["range_max"]
+    shift = round(zero - (least + most) / 2)
+    # What the motor stores is of one turn.
+    moved = (motor["homing_offset"] - sign * shift + counts // 2) % counts - counts // 2
+    motor["homing_offset"] = moved
+    if most - least < counts - 1:
+        motor["range_min"], motor["range_max"] = least + abs(shift), most - abs(shift)
+    if motor["range_min"] >= motor["range_max"]:
+        expected = "a zero within the range of the motor"
+        hint = "calibrate the arm in LeRobot again, from the middle of the joints' ranges"
+        raise InputError(f"a zero {abs(shift)} ticks from the middle", expected, hint=hint)
