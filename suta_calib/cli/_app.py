@@ -41,6 +41,7 @@ COMMANDS: Final = {
     "detect": "Find the corners of a board in pictures, and the camera.",
     "balls": "Find balls in clouds of points from a depth camera.",
     "hand-eye": "Find the pose of a camera: AX=XB or AX=ZB.",
+    "rig": "Find the poses between cameras that saw a board together.",
     "register": "Find the rigid transform between corresponding points.",
     "stereotactic": "Navigate with two trackers, distortion and CT (JHU files).",
     "certify": "Make an artefact (a body with certified landmarks) from raw tracker points.",

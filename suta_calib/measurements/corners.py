@@ -110,6 +110,8 @@ class Corners(Displayable):
                     f"pixels seem to be counted {which}, where the centre of the first one is 0, "
                     f"0: subtract {first:g} from u and v"
                 )
+        if self.pixel.min() < -0.5:
+            return "u and v count from the first pixel, whose centre is 0, 0"
         width, height = np.ceil(self.pixel.max(axis=0)).astype(int) + 1
         return (
             f"all corners are within {width} x {height} px: the camera's file must be for pictures "

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Final, Literal
 
 import numpy as np
 
 from suta_calib.arrays import FloatArray
 from suta_calib.assessment import Level
-from suta_calib.geometry.numbers import rpy_from_rotation
+from suta_calib.geometry.numbers import rpy_from_rotation, skew
 from suta_calib.pose_calibration.robust_answer import exchanged
 from suta_calib.terms.hand_eye_start import EYE_IN_HAND, EYE_TO_HAND, EyeSetup
 from suta_calib.units import deg, from_deg, mm, text
@@ -58,6 +59,43 @@ class PoseAccuracy:
         """Standard deviations of the position, m, and turn, rad, each over three axes."""
         displaced, turned = np.linalg.norm(self.std6.reshape(2, 3), axis=1)
         return float(displaced), float(turned)
+
+
+@dataclass(frozen=True, eq=False)
+class PoseBetween(PoseAccuracy):
+    """Where an eye is in another one.
+
+    Attributes:
+        name: of the eye.
+        inside: of the one in which it is.
+        pose: (4, 4), m.
+        std6: (6,) displacement, m, axes of the one in which it is; turn, rad, its own axes.
+    """
+
+    name: str
+    inside: str
+    pose: FloatArray
+    std6: FloatArray
+
+
+def relative_pose(
+    first: FloatArray, second: FloatArray, covariance: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """``T_first_second`` (4, 4) of two poses in one frame, m, and its covariance (6, 6).
+
+    Args:
+        first: pose (4, 4), m.
+        second: another one.
+        covariance: (12, 12) of both: displacement (m, outer axes) and turn (rad, own axes).
+    """
+    between = np.linalg.inv(first) @ second
+    R_first, R_second = first[:3, :3], second[:3, :3]
+    jacobian = np.zeros((6, 12))
+    jacobian[:3, :3], jacobian[:3, 6:9] = -R_first.T, R_first.T
+    jacobian[:3, 3:6] = skew(between[:3, 3])
+    jacobian[3:, 3:6] = -R_second.T @ R_first
+    jacobian[3:, 9:] = np.eye(3)
+    return between, np.asarray(jacobian @ covariance @ jacobian.T)
 
 
 class EyePoses(PoseAccuracy):

@@ -12,9 +12,9 @@ from numpy.typing import ArrayLike
 
 from suta_calib.arrays import BoolArray, FloatArray, IntArray
 from suta_calib.assessment import Assessment, judged
-from suta_calib.geometry.numbers import homogeneous, rms_length, skew
+from suta_calib.geometry.numbers import homogeneous, rms_length
 from suta_calib.measurements.pose_files import PosePairs
-from suta_calib.pose_calibration.eye_poses import PoseAccuracy, Unknown
+from suta_calib.pose_calibration.eye_poses import PoseAccuracy, Unknown, relative_pose
 from suta_calib.pose_calibration.inputs import error_context
 from suta_calib.pose_calibration.loop_answer import LoopAnswer
 from suta_calib.pose_calibration.loop_fit import checked_pairs, fit_loops
@@ -149,15 +149,9 @@ class ManyEyesCalibration(LoopAnswer):
         displacements are about the axes of the second and of the first.
         """
         a, b = (self.sight.eyes.index(name) for name in (first, second))
-        between = np.linalg.inv(self.X[a]) @ self.X[b]
-        R_a, R_b = self.X[a][:3, :3], self.X[b][:3, :3]
-        jacobian = np.zeros((6, len(self.covariance)))
-        jacobian[:3, 6 * a : 6 * a + 3], jacobian[:3, 6 * b : 6 * b + 3] = -R_a.T, R_a.T
-        jacobian[:3, 6 * a + 3 : 6 * a + 6] = skew(between[:3, 3])
-        jacobian[3:, 6 * a + 3 : 6 * a + 6] = -R_b.T @ R_a
-        jacobian[3:, 6 * b + 3 : 6 * b + 6] = np.eye(3)
-        spread = jacobian @ self.covariance @ jacobian.T
-        return between, np.sqrt(np.maximum(np.diag(spread), 0.0))
+        rows = np.concatenate([6 * eye + np.arange(6) for eye in (a, b)])
+        pose, spread = relative_pose(self.X[a], self.X[b], self.covariance[np.ix_(rows, rows)])
+        return pose, np.sqrt(np.maximum(np.diag(spread), 0.0))
 
     @property
     @judged

@@ -17,7 +17,14 @@ from suta_calib.measurements import Camera
 from suta_calib.measurements.board import Markers
 from suta_calib.pose_calibration.consensus import FALSE_ALARM
 from suta_calib.pose_calibration.correlation import WAYS
-from suta_calib.pose_calibration.eye_poses import ENOUGH, EyePoses, Model, Unknown, unknowns_of
+from suta_calib.pose_calibration.eye_poses import (
+    ENOUGH,
+    EyePoses,
+    Model,
+    PoseBetween,
+    Unknown,
+    unknowns_of,
+)
 from suta_calib.pose_calibration.optimality import PictureOptimality
 from suta_calib.pose_calibration.picture_models import ErrorModel, ReprojectionError
 from suta_calib.pose_calibration.picture_noise import PictureNoise
@@ -154,6 +161,7 @@ class PictureCalibration:
         noise: what scatters; the pictures are weighed by it.
         error_model: how the hand's errors are taken (`picture_models`).
         errors: of the corners, by model; empty of few pictures.
+        between: where every other camera is in the first one.
         notes: what the files give to think about, one sentence each.
         optimality: what is proven of it, where that was asked.
     """
@@ -165,6 +173,7 @@ class PictureCalibration:
     noise: PictureNoise
     error_model: ErrorModel
     errors: Mapping[ErrorModel, ReprojectionError]
+    between: tuple[PoseBetween, ...] = ()
     notes: tuple[str, ...] = ()
     optimality: PictureOptimality | None = None
 

@@ -28,7 +28,7 @@ from suta_calib.measurements.pose_files import HandPoses
 from suta_calib.model.parameters import PLACEMENT
 from suta_calib.pose_calibration.consensus import FALSE_ALARM
 from suta_calib.pose_calibration.correlation import DIRECTIONS, NOWHERE, embedded, shared_errors
-from suta_calib.pose_calibration.eye_poses import Model
+from suta_calib.pose_calibration.eye_poses import Model, PoseBetween, relative_pose
 from suta_calib.pose_calibration.hand_eye import calibrate_hand_eye
 from suta_calib.pose_calibration.inputs import error_context
 from suta_calib.pose_calibration.loop_fit import ADVICE, refuse_exchanged_labels
@@ -148,8 +148,28 @@ def hand_eye_from_pictures(
         noise=weighed.noise,
         error_model=weighed.chosen.model,
         errors=weighed.chosen.errors,
+        between=_between(views, terms, weighed),
         notes=(*hand.unit_notes, *left_out),
     )
+
+
+def _between(
+    views: Sequence[View], terms: Sequence[CameraView], weighed: Weighed
+) -> tuple[PoseBetween, ...]:
+    """Every other camera in the first one."""
+    owners = {view.label: term.owners[0] for view, term in zip(views, terms, strict=True)}
+    first, *others = owners
+    poses = []
+    for other in others:
+        both = owners[first], owners[other]
+        at = [weighed.names.index(f"{owner}.{key}") for owner in both for key in PLACEMENT]
+        jacobian = tangent_of_poses(weighed.x[at])
+        covariance = jacobian @ weighed.covariance[np.ix_(at, at)] @ jacobian.T
+        X = [homogeneous(*pose_named(weighed.values, owner)) for owner in both]
+        pose, spread = relative_pose(X[0], X[1], covariance)
+        std = np.sqrt(np.maximum(np.diag(spread), 0.0))
+        poses.append(PoseBetween(other, first, pose, std))
+    return tuple(poses)
 
 
 def _enough(

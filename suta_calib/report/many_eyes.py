@@ -12,13 +12,14 @@ from suta_calib.arrays import FloatArray
 from suta_calib.geometry.numbers import rms_length, rpy_from_rotation
 from suta_calib.measurements.pose_files import PosePairs
 from suta_calib.model.parameters import PLACEMENT
-from suta_calib.pose_calibration.eye_poses import FRAMES, PoseAccuracy, Unknown
+from suta_calib.pose_calibration.eye_poses import FRAMES, PoseBetween, Unknown
 from suta_calib.pose_calibration.many_eyes import FoundPose, ManyEyesCalibration
 from suta_calib.pose_calibration.undetermined import NotFound
 from suta_calib.report.document import Document, Figure, Part, Text
 from suta_calib.report.hand_eye import CALIBRATION, NAME
 from suta_calib.report.listing import Column, Json, Listing, Row, Table, components, plain, shown_as
 from suta_calib.report.poses import (
+    between_record,
     covariance_record,
     fit_texts,
     fitted_rows,
@@ -91,21 +92,7 @@ PAIRS: Final = Listing[SeenPair](
 )
 
 
-@dataclass(frozen=True, eq=False)
-class EyeToEye(PoseAccuracy):
-    """Pose ``T_first_name`` (4, 4) of an eye in the first one, m.
-
-    Attributes:
-        name: of the eye.
-        std6: as of `PoseAccuracy`.
-    """
-
-    name: str
-    pose: FloatArray
-    std6: FloatArray
-
-
-BETWEEN: Final = Listing[EyeToEye]("", Column("name", ""), *_pose_columns(lambda row: row.pose))
+BETWEEN: Final = Listing[PoseBetween]("", Column("name", ""), *_pose_columns(lambda row: row.pose))
 
 
 def many_eyes_document(calibration: ManyEyesCalibration, data: PosePairs) -> Document:
@@ -165,15 +152,7 @@ def many_eyes_document(calibration: ManyEyesCalibration, data: PosePairs) -> Doc
             }
             for part, side in (("eyes", "X"), ("targets", "Z"))
         },
-        "between_eyes": [
-            {
-                "eye": row.name,
-                "in_eye": sight.eyes[0],
-                "T": row.pose,
-                "std": pose_std_record(row.std6),
-            }
-            for row in between
-        ],
+        "between_eyes": between_record(between),
         **CALIBRATION.record(calibration),
         **({} if noise is None else {"hand_noise": _noise_record(noise[0].tolist())}),
         **fitted_rows(calibration, data.lines),
@@ -246,11 +225,11 @@ def _record_of_none(one: NotFound) -> Json:
     }
 
 
-def _between(calibration: ManyEyesCalibration) -> Iterator[EyeToEye]:
+def _between(calibration: ManyEyesCalibration) -> Iterator[PoseBetween]:
     """Every eye in the first one."""
     first, *others = calibration.sight.eyes
     for other in others:
-        yield EyeToEye(other, *calibration.relative(first, other))
+        yield PoseBetween(other, first, *calibration.relative(first, other))
 
 
 def _pairs(calibration: ManyEyesCalibration) -> Iterator[SeenPair]:

@@ -23,9 +23,11 @@ from suta_calib.pose_calibration.picture_noise import PictureNoise
 from suta_calib.report.document import Document, Figure, File, Part, Text
 from suta_calib.report.hand_eye import NAME, frame_tables
 from suta_calib.report.listing import Column, Json, Listing, csv_text, plain, shown_as
+from suta_calib.report.many_eyes import BETWEEN
 from suta_calib.report.markers import marker_parts, marker_records
 from suta_calib.report.poses import (
     MOST_OUTLIERS,
+    between_record,
     covariance_record,
     pose_record,
     pose_std_record,
@@ -89,6 +91,9 @@ def picture_document(
         if camera.markers is not None:
             parts += marker_parts(camera.markers, camera.label if several else "")
         parts += _fit(camera)
+    if calibration.between:
+        title = f"The other cameras in camera {calibration.between[0].inside}"
+        parts.append(BETWEEN.of(calibration.between, title))
     corners = [(camera, row) for camera in calibration.cameras for row in camera.corners]
     parts += [
         Text(sentence)
@@ -113,6 +118,8 @@ def picture_document(
             calibration.name_of(camera): _record(calibration, camera)
             for camera in calibration.cameras
         }
+    if calibration.between:
+        record["between_eyes"] = between_record(calibration.between)
     record["hand_noise"] = {
         "position_mm": mm(calibration.noise.position.value),
         "rotation_deg": deg(calibration.noise.rotation.value),

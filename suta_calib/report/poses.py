@@ -17,6 +17,7 @@ from suta_calib.units import Unit, deg, key, mm, text
 from suta_calib.words import listed
 
 if TYPE_CHECKING:
+    from suta_calib.pose_calibration.eye_poses import PoseBetween
     from suta_calib.pose_calibration.optimality import Optimality
     from suta_calib.pose_calibration.robust_answer import RobustAnswer
 
@@ -140,6 +141,19 @@ def pose_std_record(std: FloatArray) -> Json:
         key(name, unit): plain(value, unit)
         for name, unit, value in zip(PLACEMENT, units, std, strict=True)
     }
+
+
+def between_record(poses: Sequence[PoseBetween]) -> list[Json]:
+    """Poses between eyes as JSON has them."""
+    return [
+        {
+            "eye": one.name,
+            "in_eye": one.inside,
+            "T": one.pose,
+            "std": pose_std_record(one.std6),
+        }
+        for one in poses
+    ]
 
 
 def covariance_record(matrix: FloatArray, order: Sequence[str], unit: str) -> Json:

@@ -20,7 +20,7 @@ from suta_calib.measurements.camera import Camera
 from suta_calib.measurements.corners import Corners, corners_of
 from suta_calib.measurements.marker_axes import markers_as_seen
 from suta_calib.terms.board_pictures import BoardPictures
-from suta_calib.terms.misread_pictures import contradiction, shown_camera
+from suta_calib.terms.misread_pictures import contradiction, otherwise_read, shown_camera
 from suta_calib.threads import usable_cores
 from suta_calib.vision.camera_fit import (
     CameraFit,
@@ -356,16 +356,25 @@ def _judged(
 
 
 def _refocused(pictures: BoardPictures, median: float, how: DetectionOptions) -> str:
-    """That the pictures show the camera with other numbers, which leave far smaller errors."""
+    """That the pictures are mirrored, or show the camera with other numbers; empty if neither.
+
+    Either leaves far smaller errors.
+    """
     # Fewer pictures hardly tell it, and more no better.
     least, most = 5, 16
     if median <= how.suspicious or len(pictures.pixels) < least:
         return ""
     chosen = np.linspace(0, len(pictures.pixels) - 1, min(len(pictures.pixels), most))
     some = replace(pictures, pixels=pictures.pixels[chosen.astype(np.intp)])
+    # So many times smaller; a board that is a little bent leaves the same with either camera.
+    for sentence, pixels in otherwise_read(some):
+        if 3.0 * (left := float(np.nanmedian(replace(some, pixels=pixels).rms))) <= median:
+            return (
+                f"The pictures agree far better with the camera's file ({left:.2f} px RMS instead "
+                f"of {median:.2f} px) if {sentence}."
+            )
     given = pictures.camera
     shown = shown_camera(some, given.lens)
-    # So many times smaller; a board that is a little bent leaves the same with either camera.
     if (
         shown is None
         or 3.0 * (left := float(np.nanmedian(replace(some, camera=shown).rms))) > median

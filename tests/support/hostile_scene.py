@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import shutil
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from hashlib import sha256
 from pathlib import Path
 
 import numpy as np
 from ball_clouds import CENTRE, RADIUS, cloud, write_pcd
+from camera_scenes import BOARD, CAMERA, SECOND, X, pictures
 from certified_artefact import write_points
 from cli_job import write_simulated_job
 from pose_answers import XYZ
@@ -18,7 +19,13 @@ from simulated import SUTA_URDF
 from torso_robot import write_torso_job
 
 from suta_calib.job import CalibrationJob
-from suta_calib.measurements import Samples, write_samples
+from suta_calib.measurements import (
+    Samples,
+    write_board,
+    write_camera,
+    write_corners,
+    write_samples,
+)
 from suta_calib.measurements.artefact import Artefact, Landmark, write_artefact
 from suta_calib.model.arm import ArmModel
 from suta_calib.report import calibration_document
@@ -111,6 +118,14 @@ GIVEN = {
         ("view.jpg", "--board", "board.yaml"), ("board.yaml",), "--out", out_is_file=True
     ),
     "balls": Given(("cloud.pcd", "--ball", "A=30"), ("cloud.pcd",), "--out", out_is_file=True),
+    "rig": Given(
+        (
+            *("--corners", "left.csv", "--corners", "right.csv", "--board", "rig_board.yaml"),
+            *("--camera", "rig_camera.yaml", "--camera", "rig_camera.yaml"),
+        ),
+        ("left.csv", "right.csv", "rig_board.yaml", "rig_camera.yaml"),
+        "--out",
+    ),
     "register": Given(("a.csv", "b.csv"), ("a.csv", "b.csv"), "--out"),
     "stereotactic": Given(
         ("cis",), tuple(f"cis-{k}.txt" for k in ("calbody", "calreadings", "empivot")), "--out"
@@ -211,6 +226,13 @@ def write_scene(folder: Path, urdf: Path) -> Path:
     write_torso_job(folder / "chains", fitted=30, held_out=5)
     for name, file in (("view.jpg", "pictures/00.jpg"), ("board.yaml", "board.yaml")):
         shutil.copy(WORKCELL / file, folder / name)
+    pair = pictures(8, pixel=0.1, eyes=(X, SECOND)).views
+    for name, view in zip(("left.csv", "right.csv"), pair, strict=True):
+        # The first cell with a dot is a number.
+        image = np.char.replace(view.corners.image, ".png", "")
+        write_corners(folder / name, replace(view.corners, image=image))
+    write_board(folder / "rig_board.yaml", BOARD)
+    write_camera(folder / "rig_camera.yaml", CAMERA)
     result = CalibrationJob.load(folder / JOB).run()
     job = folder / JOB
     inputs = {str(job): sha256(job.read_bytes()).hexdigest()}

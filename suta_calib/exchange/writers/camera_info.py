@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Final
+from pathlib import Path
+from typing import Any, Final
 
 import numpy as np
 
@@ -74,25 +75,33 @@ class KalibrWriter(Writer):
 
     def content(self, result: Result, given: Given) -> bytes:
         """One camera; its radtan has no k3, so that a lens with one is refused."""
-        camera = _camera(result, self.name)
-        models = {PLUMB_BOB: "radtan", EQUIDISTANT: "equidistant"}
-        bent = camera.intrinsics[4:]
-        if camera.lens not in models or bent[4:].any():
-            what = camera.lens.name + (" with k3" if camera.lens is PLUMB_BOB else "")
-            raise InputError(
-                f"a lens of the model {what}",
-                "plumb_bob without k3, or equidistant: kalibr has no other of these models",
-                file=result.path,
-                hint="calibrate the camera with --lens equidistant, or export camera-info",
-            )
-        entry = {
-            "camera_model": "pinhole",
-            "distortion_coeffs": bent[:4].tolist(),
-            "distortion_model": models[camera.lens],
-            "intrinsics": camera.intrinsics[:4].tolist(),
-            "resolution": [camera.width, camera.height],
-        }
+        entry = camchain_entry(_camera(result, self.name), result.path)
         return yaml_text({given.text(NAME, "cam0"): entry}).encode()
+
+
+def camchain_entry(camera: Camera, path: Path | None) -> dict[str, Any]:
+    """A camera as a camchain of kalibr has it; its radtan has no k3.
+
+    Raises:
+        InputError: a lens of another model.
+    """
+    models = {PLUMB_BOB: "radtan", EQUIDISTANT: "equidistant"}
+    bent = camera.intrinsics[4:]
+    if camera.lens not in models or bent[4:].any():
+        what = camera.lens.name + (" with k3" if camera.lens is PLUMB_BOB else "")
+        raise InputError(
+            f"a lens of the model {what}",
+            "plumb_bob without k3, or equidistant: kalibr has no other of these models",
+            file=path,
+            hint="calibrate the camera with --lens equidistant, or export camera-info",
+        )
+    return {
+        "camera_model": "pinhole",
+        "distortion_coeffs": bent[:4].tolist(),
+        "distortion_model": models[camera.lens],
+        "intrinsics": camera.intrinsics[:4].tolist(),
+        "resolution": [camera.width, camera.height],
+    }
 
 
 def _camera(result: Result, wanted: str) -> Camera:
