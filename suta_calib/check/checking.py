@@ -222,7 +222,11 @@ class Checker(Displayable):
             return self.covariance
         solution, free = self.solution, self.solution.free
         names = tuple(solution.problem.names[k] for k in free)
-        return names, solution.covariance_within_scale[np.ix_(free, free)]
+        covariance = solution.covariance_within_scale[np.ix_(free, free)]
+        at = [names.index(name) for name in self.errors.names]
+        by_errors = np.zeros_like(covariance)
+        by_errors[np.ix_(at, at)] = self.errors.of_estimates
+        return names, _larger(covariance, by_errors)
 
     def scale_seen_by(self, terms: Sequence[Term]) -> FloatArray | None:
         """(n, n) of the solution's parameters, by a scale that new rows do not share; or None."""
@@ -472,6 +476,15 @@ def _change(certain: Sequence[Evidence], family: Family, rows: NewRows) -> Found
         suspect.names,
         _at_tip(suspect, best, rows),
     )
+
+
+def _larger(one: FloatArray, other: FloatArray) -> FloatArray:
+    """(n, n) a covariance, with what another one has beyond it."""
+    unit = np.sqrt(np.maximum(np.diag(one) + np.diag(other), 1e-300))
+    more = (other - one) / np.outer(unit, unit)
+    values, vectors = np.linalg.eigh((more + more.T) / 2.0)
+    added = (vectors * np.maximum(values, 0.0)) @ vectors.T
+    return np.asarray(one + added * np.outer(unit, unit))
 
 
 def _power(suspect: Suspect, fit: LinearFit, evidence: Evidence, family: Family) -> FoundPower:

@@ -18,6 +18,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from itertools import product
 from typing import Final
 
@@ -31,7 +32,7 @@ from suta_calib.solver.problem import Problem
 from suta_calib.solver.solution import Solution
 from suta_calib.terms.term import Term
 from suta_calib.trust.extended_problem import with_geometry
-from suta_calib.trust.held_out import fitted_levels, sort_of
+from suta_calib.trust.held_out import fitted_levels, scatter_unit, sort_of
 from suta_calib.trust.linear_fit import LinearFit
 from suta_calib.trust.neighbour_correlation import Freed
 from suta_calib.trust.subsampled import spread_out
@@ -41,9 +42,11 @@ from suta_calib.trust.subsampled import spread_out
 ENOUGH: Final = 400
 # Variances of joint errors over that of the rows' own, and chords that near postures share: coarse,
 # for a likelihood that is flat.
-_POSTURE: Final = 0.0, 0.3, 1.0, 4.0
-_NEAR: Final = 0.3, 1.0, 4.0
+_POSTURE: Final = 0.0, 0.03, 0.1, 0.3, 1.0, 4.0
+_NEAR: Final = 0.1, 0.3, 1.0, 4.0
 _REACH: Final = 0.5, 2.0
+# Powers of the standard deviations that rows state, with which they may scatter.
+_STATED: Final = 1.0, 0.5, 0.0
 # Of the probability, a part that one kind of noise must have to count.
 _COUNTS: Final = 0.05
 
@@ -54,12 +57,14 @@ class NoiseKind:
 
     Attributes:
         weight: its probability.
+        stated: power of the standard deviations that rows state, with which they scatter.
         posture, near, reach: θ_1, θ_2 and ℓ.
         variance: estimate of σ², in units of the level that rows are whitened by.
         freedom: of it.
     """
 
     weight: float
+    stated: float
     posture: float
     near: float
     reach: float
@@ -76,15 +81,19 @@ class ErrorModel:
         levels: by which rows are whitened, by `sort_of` their block.
         calibrated: what the calibrated rows share, those that the noise was learned by.
         unit: mean variance of these by joint errors of one rad.
+        middle: mean logarithm of the standard deviations that they state.
         followed: (n, m) how estimates followed errors of these rows; names: of the estimates (n,).
+        share: of all rows that these are.
     """
 
     kinds: tuple[NoiseKind, ...]
     levels: dict[tuple[str, str, bool], float]
     calibrated: RowErrors
     unit: float
+    middle: float
     followed: FloatArray
     names: tuple[str, ...]
+    share: float
 
     @classmethod
     def of(cls, solution: Solution) -> ErrorModel:
@@ -110,11 +119,19 @@ class ErrorModel:
             {reach: errors.near(errors, reach) for reach in _REACH},
         )
         unit = float(np.mean(np.diag(by_posture))) or 1.0
-        own = errors.own + _outlying(rows, errors)
+        middle = float(np.mean(errors.stated[errors.stated != 0])) if errors.stated.any() else 0.0
+        outlying = _outlying(rows, errors)
+        powers = _STATED if errors.stated.any() else _STATED[:1]
+        stated, *_ = sorted(
+            powers,
+            key=lambda power: -_likelihood(fit, errors.scatter(power, middle) + outlying)[0],
+        )
+        own = errors.scatter(stated, middle) + outlying
         kinds = list[tuple[float, NoiseKind]]()
         for posture, common, reach in _choices():
             covariance = own + (posture * by_posture + common * near[reach]) / unit
-            kinds.append(_likelihood(fit, covariance, posture, common, reach))
+            log, variance, freedom = _likelihood(fit, covariance)
+            kinds.append((log, NoiseKind(0.0, stated, posture, common, reach, variance, freedom)))
         most = max(log for log, _ in kinds)
         weights = np.exp([log - most for log, _ in kinds])
         weights /= weights.sum()
@@ -125,14 +142,29 @@ class ErrorModel:
             levels,
             errors,
             unit,
+            middle,
             -scaled_inverse(fit.information + np.diag(fit.prior)) @ fit.jacobian.T,
             names,
+            len(fit.residual) / max(_equations(solution.problem.terms), len(fit.residual)),
         )
 
     @property
     def freedom(self) -> float:
         """Degrees of freedom of the noise, on average."""
         return sum(kind.weight * kind.freedom for kind in self.kinds)
+
+    @cached_property
+    def of_estimates(self) -> FloatArray:
+        """(n, n) covariance of the estimates of `names` by errors like these, without priors.
+
+        That of a calibration, by the scatter of few clusters, may be too small by chance.
+        """
+        total = np.zeros((len(self.names),) * 2)
+        by_posture = self.calibrated.by_posture / self.unit
+        for kind in self.kinds:
+            own = self.calibrated.scatter(kind.stated, self.middle) + kind.posture * by_posture
+            total += kind.weight * kind.variance * (self.followed @ own @ self.followed.T)
+        return self.share * total
 
     def covariances(
         self, errors: RowErrors, jacobian: FloatArray, names: Sequence[str]
@@ -158,7 +190,7 @@ class ErrorModel:
         return [
             kind.variance
             * (
-                errors.own
+                errors.scatter(kind.stated, self.middle)
                 + kind.posture * by_posture
                 + (kind.near * lacking[kind.reach] if kind.near else 0.0)
             )
@@ -177,7 +209,7 @@ def levels_of(problem: Problem, levels: dict[tuple[str, str, bool], float]) -> l
     """Level of each block's noise."""
     assumed = iter(problem.assumed_sigmas())
     return [
-        levels.get(sort_of(term, block), next(assumed) / block.typical) * block.typical
+        levels.get(sort_of(term, block), next(assumed) / scatter_unit(block)) * scatter_unit(block)
         for term in problem.terms
         for block in term.blocks
     ]
@@ -206,14 +238,16 @@ def _outlying(rows: Sequence[Rows], errors: RowErrors) -> FloatArray:
     return errors.combine(errors.combine(more).T)
 
 
-def _likelihood(
-    fit: LinearFit, covariance: FloatArray, posture: float, common: float, reach: float
-) -> tuple[float, NoiseKind]:
-    """Logarithm of the restricted likelihood, and the noise."""
+def _likelihood(fit: LinearFit, covariance: FloatArray) -> tuple[float, float, int]:
+    """Logarithm of the restricted likelihood, the estimate of σ², and its degrees of freedom."""
     root = np.linalg.cholesky(covariance)
     both = np.hstack([fit.jacobian, fit.residual[:, None]])
     every = solve_triangular(root, both, lower=True, check_finite=False)
     freed = Freed.of(every, fit, 2.0 * float(np.sum(np.log(np.diag(root)))))
     freedom = max(round(len(every) - freed.fit.spent), 1)
-    variance = max(freed.fit.squares / freedom, 1e-12)
-    return -0.5 * freed.of_any_noise, NoiseKind(0.0, posture, common, reach, variance, freedom)
+    return -0.5 * freed.of_any_noise, max(freed.fit.squares / freedom, 1e-12), freedom
+
+
+def _equations(terms: Sequence[Term]) -> int:
+    """How many numbers the calibrated rows are."""
+    return sum(term.equations() for term in terms)

@@ -41,6 +41,7 @@ class RowErrors:
     Attributes:
         combined: (c, m) orthonormal, these combinations; None where each row counts.
         own: (c, c) covariance of what each row or touch has for itself.
+        stated: (c,) logarithm of the standard deviation that each row states; zero where none does.
         by_joint: (k, m, joints) derivative by the joint errors of each of up to k samples.
         by_tip: (k, m, 3) derivative by where the tip is at each of them, m.
         sample: (k, m) which samples these are.
@@ -51,6 +52,7 @@ class RowErrors:
 
     combined: FloatArray | None
     own: FloatArray
+    stated: FloatArray
     by_joint: FloatArray
     by_tip: FloatArray
     sample: IntArray
@@ -88,12 +90,27 @@ class RowErrors:
             first += n * size
         combined = None if deep == 1 else block_diag(*(vectors for vectors, _ in parts))
         own = np.diag(np.concatenate([values for _, values in parts]))
+        stated = np.concatenate(
+            [vectors @ _stated(r) for (vectors, _), r in zip(parts, rows, strict=True)]
+        )
         starts = problem.evaluation.table.first.tolist()
         posture = np.concatenate(
             [a + t.poses.rests for (a, _), t in zip(pairwise(starts), problem.terms, strict=True)]
         )
         readings, sliding = _readings(problem)
-        return cls(combined, own, by_joint, by_tip, sample, readings, sliding, posture)
+        return cls(combined, own, stated, by_joint, by_tip, sample, readings, sliding, posture)
+
+    def scatter(self, power: float, middle: float) -> FloatArray:
+        """(c, c) what each row has for itself, if that goes with a power of what it states.
+
+        Args:
+            power: one where rows scatter as they state, zero where they all scatter alike.
+            middle: logarithm of a standard deviation at which both are the same.
+        """
+        if power == 1.0 or not self.stated.any():
+            return self.own
+        factor = np.exp((power - 1.0) * np.where(self.stated, self.stated - middle, 0.0))
+        return np.asarray(self.own * np.outer(factor, factor))
 
     def combine(self, columns: FloatArray) -> FloatArray:
         """(c, …) of what all rows have (m, …)."""
@@ -169,6 +186,14 @@ def _by_sample(rows: Rows, velocity: FloatArray, looked_at: IntArray) -> FloatAr
     every = by_motion([rows], alone.reshape(6 * samples, -1)).reshape(-1, samples, joints)
     place = np.repeat(looked_at, size, axis=0)
     return np.asarray([every[np.arange(len(every)), members] for members in place.T])
+
+
+def _stated(rows: Rows) -> FloatArray:
+    """(n·d,) logarithm of the standard deviations that a block's rows state; zero without them."""
+    block, shape = rows.line.view.block, rows.line.residual.shape
+    if block.relative.size == 1:
+        return np.zeros(rows.line.residual.size)
+    return np.asarray(np.log(np.broadcast_to(block.relative * block.typical, shape)).reshape(-1))
 
 
 def _readings(problem: Problem) -> tuple[FloatArray, FloatArray]:

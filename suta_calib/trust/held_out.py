@@ -179,7 +179,7 @@ def held_out_errors(solution: Solution, accuracy: Accuracy) -> tuple[HeldOutErro
     fitted = fitted_levels(solution)
     sorts = [sort_of(term, block) for term in held_out.terms for block in term.blocks]
     assumed = zip(held_out.blocks, sorts, held_out.assumed_sigmas(), strict=True)
-    sigmas = [fitted[s] * b.typical if s in fitted else sigma for b, s, sigma in assumed]
+    sigmas = [fitted[s] * scatter_unit(b) if s in fitted else sigma for b, s, sigma in assumed]
     rows = whitened_rows(held_out, x, sigmas)
     predicted = iter(_predicted(solution, held_out, rows))
     # With everything external fitted to these rows too.
@@ -205,7 +205,7 @@ def held_out_errors(solution: Solution, accuracy: Accuracy) -> tuple[HeldOutErro
                     block.residual_after,
                     deviation,
                     by_parameters,
-                    fitted.get(sort_of(term, of), math.nan) * of.typical,
+                    fitted.get(sort_of(term, of), math.nan) * scatter_unit(of),
                     place[block.rows[:, 0]],
                     min(clusters, len(block.rows)),
                     next(levels),
@@ -236,6 +236,14 @@ def sort_of(term: Term, block: Block) -> tuple[str, str, bool]:
     return term.kind, block.name, block.relative.size > 1
 
 
+def scatter_unit(block: Block) -> float:
+    """In which blocks of one `sort_of` scatter alike: what rows state, or a pixel of the camera.
+
+    A pixel is a length at the typical distance of the board, which differs from set to set.
+    """
+    return block.typical * (block.pixel or 1.0)
+
+
 def fitted_levels(solution: Solution) -> dict[tuple[str, str, bool], float]:
     """What fitted residuals scatter by `sort_of`, what the fit took from them given back.
 
@@ -249,7 +257,7 @@ def fitted_levels(solution: Solution) -> dict[tuple[str, str, bool], float]:
     together: dict[tuple[str, str, bool], list[FloatArray]] = {}
     for term in problem.terms:
         for block in term.blocks:
-            residual = next(lines).residual / block.typical
+            residual = next(lines).residual / scatter_unit(block)
             together.setdefault(sort_of(term, block), []).append(residual)
     rows = sum(r.size for parts in together.values() for r in parts)
     left = max(rows - effective_unknowns(solution), rows / 10) / rows
