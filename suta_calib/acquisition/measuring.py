@@ -37,6 +37,7 @@ from suta_calib.acquisition.session_events import (
 from suta_calib.acquisition.stops import StopFinder
 from suta_calib.acquisition.sweep_contact import Surface
 from suta_calib.acquisition.touch_sequence import (
+    Station,
     TouchSequence,
     checked_label,
     kinds_of,
@@ -245,6 +246,20 @@ def measure(
         bus: Bus | RecordedStream
         bus = recording or Bus(spec, reconnect=True, on_event=session.note, port=port)
         return session.run(stack.enter_context(closing(bus)), choose, keyboard)
+
+
+def stations_of(options: MeasureOptions) -> tuple[TouchSequence, tuple[Station, ...]]:
+    """What would be measured, and which of its stations have no sample yet.
+
+    Raises:
+        InputError, JobError: as of `measure`.
+    """
+    columns = () if options.device is None else read_device(options.device).extra_columns
+    plan, out, _ = _plan(options, columns)
+    labels = (*plan.label_columns, *columns)
+    file = SamplesFile(out, plan.arm.joints, labels, plan.key, resume=True)
+    missing = Run(plan, file, lambda _: None).missing
+    return plan, tuple(station for station in plan.stations if station.name in missing)
 
 
 class _Session:

@@ -50,6 +50,7 @@ COMMANDS: Final = {
     "track": "Send the live tip to console, files, OpenIGTLink or UDP.",
     "path-accuracy": "Compare a recorded motion with a reference.",
     "measure": "Record a samples file from a connected arm.",
+    "guide": "Lead through a measurement on a page in the browser.",
     "plan": "Choose where to measure next, and when to stop.",
     "tip-map": "Show the uncertainty of the tip in the workspace.",
     "residual-map": "Correct what the calibration leaves, where left-out data prove it.",

@@ -3,7 +3,8 @@
 Any page that a browser shows can send requests to this computer's ports, and a name that its
 owner points at 127.0.0.1 (DNS rebinding) makes them look like requests of the same site. So the
 address has a random part, and what a request says of where it comes from (``Host``, ``Origin``) is
-checked. viser itself asks for neither: it is served through `Access.guarding`.
+checked. viser itself asks for neither: it is served through `Access.guarding`. A `Site` stands on
+the same port, under the same rule.
 """
 
 from __future__ import annotations
@@ -14,10 +15,10 @@ import logging
 import secrets
 import socket
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Awaitable, Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import replace
-from typing import TYPE_CHECKING, Any, Final
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any, Final, Protocol
 from urllib.parse import urlsplit
 
 from suta_calib.optional_packages import load
@@ -27,6 +28,7 @@ if TYPE_CHECKING:
     from websockets.http11 import Request, Response
 
     Answer = Callable[[ServerConnection, Request], Response | None]
+    Handler = Callable[[ServerConnection], Awaitable[None]]
 
 # What the server's library says of requests that fail goes here, and is heard only by a program
 # that sets up logging: broken requests are no news, and their tracebacks help no user.
@@ -38,21 +40,44 @@ _EVERY_ADDRESS: Final = frozenset({"", "0.0.0.0", "::"})
 _EXCHANGING: Final = threading.Lock()
 
 
+@dataclass(frozen=True)
+class Page:
+    """What is answered to a request: its content, and what that is (a media type)."""
+
+    content: bytes
+    media: str
+
+
+class Site(Protocol):
+    """Pages beside a scene, which then stands below ``/scene/``; and whoever talks with them."""
+
+    def page(self, path: str) -> Page | None:
+        """What stands at a path, such as ``/``; None for nothing."""
+
+    async def talk(self, connection: ServerConnection) -> None:
+        """Serve one page that opened a web socket at ``/talk``, until it is closed."""
+
+
+_SCENE: Final = "/scene"
+_TALK: Final = "/talk"
+
+
 class Access:
     """The rule for one server.
 
     Args:
         host: what the server listens on.
+        site: pages beside the scene.
 
     Attributes:
         token: what the path of every request begins with.
         guards: whether a server answers by this rule.
     """
 
-    def __init__(self, host: str) -> None:
+    def __init__(self, host: str, site: Site | None = None) -> None:
         token_bytes = 16
         self.token = secrets.token_hex(token_bytes)
-        self._host = host.lower()
+        self._host, self._site = host.lower(), site
         self.guards = False
 
     def refusal(self, request: Request) -> str | None:
@@ -64,7 +89,7 @@ class Access:
             return "another page asks"
         first = request.path.partition("?")[0].split("/")[1:2]
         if not first or not secrets.compare_digest(first[0].encode(), self.token.encode()):
-            return "the address has no key; open the address that suta-calib view printed"
+            return "the address has no key; open the address that was printed"
         return None
 
     def _is_ours(self, host: str) -> bool:
@@ -94,12 +119,16 @@ class Access:
                 refused = "its headers cannot be read"
             if refused is not None:
                 return connection.respond(http.HTTPStatus.FORBIDDEN, f"Refused: {refused}.\n")
+            path = request.path.removeprefix(f"/{self.token}")
+            if self._site is not None:
+                if not path.startswith(_SCENE):
+                    return self._own(connection, request, path)
+                path = path.removeprefix(_SCENE)
             if request.headers.get_all("Upgrade"):
                 offered = ",".join(request.headers.get_all("Sec-WebSocket-Protocol"))
                 if f"viser-v{version}" not in offered.replace(" ", "").split(","):
                     text = f"Refused: this is viser {version}; reload the page.\n"
                     return connection.respond(http.HTTPStatus.BAD_REQUEST, text)
-            path = request.path.removeprefix(f"/{self.token}")
             response = answer(connection, replace(request, path=path if path[:1] == "/" else "/"))
             if response is not None:
                 # The address is a key: it goes to nobody else.
@@ -108,16 +137,56 @@ class Access:
 
         return checked
 
+    def _own(self, connection: ServerConnection, request: Request, path: str) -> Response | None:
+        """The answer to a request of the site; None for who may talk with it."""
+        assert self._site is not None
+        path = path.partition("?")[0] or "/"
+        if request.headers.get_all("Upgrade"):
+            if path == _TALK:
+                return None
+            return connection.respond(http.HTTPStatus.NOT_FOUND, "Nothing is here.\n")
+        page = self._site.page(path)
+        if page is None:
+            return connection.respond(http.HTTPStatus.NOT_FOUND, "Nothing is here.\n")
+        headers = {
+            "Content-Type": page.media,
+            "Content-Length": str(len(page.content)),
+            "Cache-Control": "no-store",
+            "Referrer-Policy": "no-referrer",
+            "Connection": "close",
+        }
+        response = connection.respond(http.HTTPStatus.OK, "")
+        response.headers.clear()
+        response.headers.update(headers)
+        response.body = page.content
+        return response
+
+    def _talking(self, scene: Handler) -> Handler:
+        """Who serves a web socket: the site, or the scene."""
+        site = self._site
+        if site is None:
+            return scene
+
+        async def talking(connection: ServerConnection) -> None:
+            request = connection.request
+            if request is not None and request.path == f"/{self.token}{_TALK}":
+                await site.talk(connection)
+            else:
+                await scene(connection)
+
+        return talking
+
     @contextmanager
     def guarding(self) -> Iterator[None]:
         """Within it, a server of viser's that starts answers by this rule; `guards` says so."""
         library: Any = load("websockets.asyncio.server", "view")
         plain = library.serve
 
-        def serve(*args: Any, process_request: Answer, **options: Any) -> Any:
+        def serve(handler: Any, *args: Any, process_request: Answer, **options: Any) -> Any:
             self.guards = True
             check = self.checked(process_request)
-            return plain(*args, process_request=check, logger=_LOGGER, **options)
+            talk = self._talking(handler)
+            return plain(talk, *args, process_request=check, logger=_LOGGER, **options)
 
         with _EXCHANGING:
             library.serve = serve

@@ -18,7 +18,7 @@ from suta_calib.arrays import FloatArray
 from suta_calib.errors import OutputError
 from suta_calib.optional_packages import load
 from suta_calib.units import Unit, shown, stored
-from suta_calib.view.access import Access
+from suta_calib.view.access import Access, Site
 from suta_calib.view.drawing import (
     CALIBRATED,
     NOMINAL,
@@ -59,6 +59,7 @@ class Viewer:
         port: to listen on; 0 for any that is free.
         host: who may look: this computer only; ``0.0.0.0`` lets whoever on the network has the
             address.
+        site: pages beside the scene, at the same address; the scene then stands below ``scene/``.
 
     Attributes:
         shown: number of the sample that the arms are at.
@@ -71,9 +72,15 @@ class Viewer:
         OutputError: the port cannot be had.
     """
 
-    def __init__(self, scene: ArmScene, port: int = 8080, host: str = "127.0.0.1") -> None:
+    def __init__(
+        self,
+        scene: ArmScene,
+        port: int = 8080,
+        host: str = "127.0.0.1",
+        site: Site | None = None,
+    ) -> None:
         self.scene, self.shown, self.inflation = scene, 0, scene.inflation
-        self._access = Access(host)
+        self._access = Access(host, site)
         self.server: viser.ViserServer = _server(port, host, self._access)
         api = self.server.scene
         api.set_up_direction("+z")

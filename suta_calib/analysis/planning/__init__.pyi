@@ -13,6 +13,7 @@ from .design import SharedUnknowns as SharedUnknowns
 from .design import best_set as best_set
 from .design import candidate_information as candidate_information
 from .design import no_information as no_information
+from .design import present_information as present_information
 from .design import random_sets as random_sets
 from .planner import candidate_places as candidate_places
 from .planner import forecast as forecast

@@ -1,0 +1,178 @@
+"""How much the samples so far determine, and where to measure next."""
+
+from __future__ import annotations
+
+import math
+import tempfile
+import warnings
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final, TypeVar
+
+import numpy as np
+
+from suta_calib.analysis import planning
+from suta_calib.arrays import FloatArray
+from suta_calib.geometry.numbers import rpy_from_rotation
+from suta_calib.job.calibration import CalibrationJob
+from suta_calib.job.standing_elsewhere import job_so_far
+from suta_calib.terms import KINDS
+from suta_calib.units import Unit, deg, from_mm, mm, text
+
+Answer = TypeVar("Answer")
+
+# A parameter is determined where what is left of it moves the tip by no more than a plug that is
+# seated by hand scatters, m.
+ENOUGH: Final = from_mm(0.1)
+
+
+@dataclass(frozen=True)
+class Determined:
+    """One parameter that moves the tip.
+
+    Attributes:
+        name: of the parameter.
+        std: its standard uncertainty, m or rad, with its bounds as prior knowledge.
+        tip: how far the tip moves by that, RMS in the region after registration, m.
+        share: how much of it is determined, from 0 to 1; on a scale of ratios.
+    """
+
+    name: str
+    unit: Unit
+    std: float
+    tip: float
+    share: float
+
+    @property
+    def words(self) -> str:
+        """Its uncertainty with its unit."""
+        return f"± {text(self.std, self.unit, with_unit=True)}"
+
+
+@dataclass(frozen=True, eq=False)
+class SoFar:
+    """What the samples so far determine.
+
+    Attributes:
+        parameters: those that move the tip.
+        tip: RMS uncertainty of the tip in the region, m.
+        worst: that at the worst place, m.
+        worst_at: (3,) where that is, base frame, m.
+        samples: how many rows tell it.
+    """
+
+    parameters: tuple[Determined, ...]
+    tip: float
+    worst: float
+    worst_at: FloatArray
+    samples: int
+
+
+@dataclass(frozen=True, eq=False)
+class NextPlace:
+    """The measurement that would tell most.
+
+    Attributes:
+        what: in words, where to put it.
+        why: what it brings, and how many more are worthwhile.
+        enough: whether one more brings next to nothing.
+        landmarks: (n, 3) where the artefact would have its landmarks, or the point, m.
+        position, rotation: of the artefact, or the point, in the base.
+        tip: RMS uncertainty of the tip now, m.
+    """
+
+    what: str
+    why: str
+    enough: bool
+    landmarks: FloatArray
+    position: FloatArray
+    rotation: FloatArray
+    tip: float
+
+
+def determined(job: Path) -> SoFar | None:
+    """What the samples that a job has now determine; None where they are too few to say.
+
+    Linearised at the nominal arm, with the noise that the job states: as quick as a landmark is
+    changed.
+
+    Raises:
+        InputError: the job cannot be used.
+    """
+    return _of_rows_measured(job, _determined)
+
+
+def next_place(job: Path) -> NextPlace | None:
+    """What to measure next by the samples that a job has now; None where they are too few.
+
+    Raises:
+        InputError: the job cannot be used, or the arm reaches none of the places.
+    """
+    return _of_rows_measured(job, _next_place)
+
+
+def _of_rows_measured(job: Path, answer: Callable[[CalibrationJob], Answer]) -> Answer | None:
+    with (
+        tempfile.TemporaryDirectory(prefix="suta_calib-guide-") as folder,
+        warnings.catch_warnings(),
+    ):
+        warnings.simplefilter("ignore")
+        reduced = job_so_far(job, Path(folder) / job.name)
+        return None if reduced is None else answer(CalibrationJob.load(reduced))
+
+
+def _determined(job: CalibrationJob) -> SoFar:
+    situation = planning.Situation.of(job.problem())
+    space = planning.SharedUnknowns.of(situation)
+    count = space.arm_count
+    covariance = space.plausible_covariance(planning.present_information(situation, space))
+    covariance = covariance[:count, :count]
+    tip = planning.Region.around(situation).sensitivity(situation, space.names[:count], 0)
+    std = np.sqrt(np.diag(covariance))
+    found = []
+    for k, parameter in enumerate(list(space.parameters.values())[:count]):
+        # At first and now, of the tip, m.
+        before, now = (tip.moved(size * np.eye(count)[k]) for size in (parameter.plausible, std[k]))
+        if before <= 0:
+            continue  # It only says where the base is.
+        gained = math.log(max(before / now, 1.0)) if now > 0 else math.inf
+        needed = math.log(max(before / ENOUGH, 1.0))
+        share = 1.0 if gained >= needed else gained / needed
+        found.append(Determined(parameter.name, parameter.unit, float(std[k]), now, share))
+    uncertain = tip.std(covariance, tip.registered())
+    worst = int(np.argmax(uncertain))
+    rms = float(np.sqrt(np.mean(uncertain**2)))
+    return SoFar(tuple(found), rms, float(uncertain[worst]), tip.position[worst], situation.samples)
+
+
+def _next_place(job: CalibrationJob) -> NextPlace:
+    situation = planning.situation_of_job(job)
+    touched = {KINDS[row.kind].place for row in job.spec.observations}
+    # Only what the job has a row for.
+    usual = planning.Pool()
+    points = usual.points if touched - {"placement", ""} else 0
+    pool = planning.Pool(placements=usual.placements, points=points, poses=0)
+    plan = planning.plan(situation, planning.PlanOptions(count=1, pool=pool))
+    place, stop = plan.chosen[0].candidate.place, plan.stop
+    assert not isinstance(place, planning.Posture)
+    rotation, landmarks = np.eye(3), place.position[None]
+    x, y, z = mm(place.position)
+    what = f"a point at x = {x:.0f} mm, y = {y:.0f} mm, z = {z:.0f} mm"
+    if isinstance(place, planning.Placement) and situation.artefact is not None:
+        rotation = place.rotation
+        names = list(situation.artefact.landmarks)
+        landmarks = situation.artefact.position_of(names) @ rotation.T + place.position
+        yaw = deg(rpy_from_rotation(rotation)[2])
+        what = f"the artefact at x = {x:.0f} mm, y = {y:.0f} mm, z = {z:.0f} mm"
+        what += f", turned by {yaw:.0f}°"
+        what += f" and tilted by {deg(place.tilt):.0f}°" if deg(place.tilt) >= 1 else ""
+    before, after = (text(size, "m") for size in stop.tips[:2])
+    why = f"it changes the uncertainty of the tip from {before} to {after} mm"
+    enough = stop.worthwhile == 0
+    more = "more than 10" if stop.worthwhile is None else f"{stop.worthwhile}"
+    if enough:
+        why += f". That is less than {100 * stop.least_gain:.0f} %: you can stop"
+    else:
+        why += f". {more} more {'is' if more == '1' else 'are'} worthwhile"
+    return NextPlace(what, f"{why}.", enough, landmarks, place.position, rotation, plan.before.tip)

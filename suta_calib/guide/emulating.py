@@ -1,0 +1,73 @@
+"""An emulated arm for whoever wants to try the page without an arm."""
+
+from __future__ import annotations
+
+import zlib
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+
+from suta_calib.emulation.emulated import EmulationOptions, emulated_device
+from suta_calib.emulation.emulated_arm import EmulatedArm
+from suta_calib.emulation.motion import Stops
+from suta_calib.job.outline import read_outline
+from suta_calib.job.standing_elsewhere import job_for_other_samples
+from suta_calib.simulation import PoseSpec
+
+# Of the errors of the arm that is emulated.
+_SEED: Final = 1
+
+
+def job_to_try(job: Path) -> Path:
+    """A copy of a job beside it, in the folder ``emulated``, whose samples are emulated ones.
+
+    Raises:
+        JobError: the job cannot be read.
+        OutputError: the copy cannot be written.
+    """
+    folder = job.parent / "emulated"
+    folder.mkdir(exist_ok=True)
+    return job_for_other_samples(job, folder / job.name)
+
+
+@contextmanager
+def emulated_arm(
+    job: Path,
+    labels: Mapping[str, str],
+    rests: int,
+    place: PoseSpec | None,
+    sequence: tuple[str, ...],
+) -> Iterator[Path]:
+    """Within it an arm is brought to the places of one label; gives its ``device.yaml``.
+
+    It begins elsewhere, as an arm does that somebody takes up.
+
+    Raises:
+        InputError: a job whose places cannot be emulated, or reached.
+    """
+    outline = read_outline(job)
+    ((kind, label),) = labels.items()
+    options = EmulationOptions(
+        outline.urdf(), script=job, errors_seed=_SEED, seed=zlib.crc32(label.encode())
+    )
+    if kind == "placement":
+        options = replace(options, placements={label: place}, sequence=sequence)
+    else:
+        points = {label: place or PoseSpec(np.eye(3), np.array([0.4, 0.0, 0.1]))}
+        options = replace(options, points=points, directions=rests)
+    emulation = emulated_device(options).emulation
+    motion = emulation.motion
+    assert isinstance(motion, Stops)
+    away = motion.posture[0] + 0.1
+    taken_up = replace(
+        motion,
+        posture=np.vstack([away, motion.posture]),
+        labels=({}, *motion.labels),
+        rounds=(len(motion.posture),),
+    )
+    with EmulatedArm(replace(emulation, motion=taken_up), patient=True) as arm:
+        yield arm.write_device(job.parent / "device.yaml")

@@ -1,0 +1,434 @@
+"""Leads through a measurement: one session after the other, shown on the page and driven by it.
+
+What takes readings and decides which rest is which sample is `acquisition`; here its events become
+what the page shows, and the page's buttons become keys.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass, replace
+from itertools import count
+from pathlib import Path
+from queue import Empty
+from typing import Any, Final
+
+from suta_calib.acquisition.measuring import Measured, MeasureOptions, measure, stations_of
+from suta_calib.acquisition.session_events import (
+    Live,
+    Opened,
+    Said,
+    SessionEvent,
+    Stations,
+    StationState,
+)
+from suta_calib.acquisition.touch_sequence import read_row
+from suta_calib.device.device_file import read_device
+from suta_calib.errors import DeviceError, InputError, JobError, SamplesError
+from suta_calib.guide.calibrating import Calibrated
+from suta_calib.guide.determined import NextPlace, SoFar
+from suta_calib.guide.emulating import emulated_arm, job_to_try
+from suta_calib.guide.page import GuidePage, PageKeys
+from suta_calib.guide.work import Unanswered, Worker
+from suta_calib.measurements import Artefact
+from suta_calib.measurements.csv_table import read_csv_table
+from suta_calib.measurements.files import expand
+from suta_calib.optional_packages import require
+from suta_calib.simulation import PoseSpec
+from suta_calib.terms import KINDS
+from suta_calib.units import mm, shown, text, unit_name
+from suta_calib.view.measuring import Mark, MarkStatus, MeasuredArm
+
+# How often the arm is drawn, s.
+_EACH: Final = 0.05
+# Sentences that the page shows.
+_LINES: Final = 8
+_MEASURING: Final = (
+    ("retake", "Retake"),
+    ("skip", "Skip"),
+    ("take", "Take now"),
+    ("stop", "Stop"),
+)
+
+
+@dataclass(frozen=True)
+class GuideOptions:
+    """What is measured, and who may look.
+
+    Attributes:
+        measuring: as of `measure`; without labels, the next one that is not measured yet.
+        emulate: whether an arm is emulated, in a copy of the job.
+        port, host: of the page.
+    """
+
+    measuring: MeasureOptions
+    emulate: bool = False
+    port: int = 8080
+    host: str = "127.0.0.1"
+
+
+class Guide:
+    """One run of the page, from its start to the end.
+
+    Args:
+        options: what is measured.
+        say: shows the console a line.
+        opened: called with the page's address once it is there.
+
+    Raises:
+        InputError: options or a job that cannot be used.
+        MissingExtraError: the extra ``view`` is not installed.
+        OutputError: the port is taken.
+    """
+
+    def __init__(
+        self,
+        options: GuideOptions,
+        say: Callable[[str], None],
+        opened: Callable[[str], None] = lambda _: None,
+    ) -> None:
+        require("viser", "view")
+        measuring = options.measuring
+        if (measuring.device is None) != options.emulate:
+            found = "neither" if measuring.device is None else "both"
+            raise InputError(found, "one of --device device.yaml and --emulate")
+        if options.emulate:
+            measuring = replace(measuring, job=job_to_try(measuring.job))
+        elif measuring.device is not None:
+            read_device(measuring.device)
+        self._emulate, self._say, self._opened = options.emulate, say, opened
+        self._options = replace(measuring, attended=True, resume=True)
+        if not self._options.labels:
+            self._options = replace(self._options, labels=next_label(self._options))
+        plan, _ = stations_of(self._options)
+        self.page = GuidePage(self._options.job.resolve().parent.name)
+        self._arm = MeasuredArm(
+            self._options.job.name, plan.arm, options.port, options.host, self.page
+        )
+        self._artefact: Artefact | None = None
+        self._stations: Stations | None = None
+        self._worst: Mark | None = None
+        self._planned: NextPlace | None = None
+        self._lines: list[str] = []
+        self._drawn = 0.0
+        self._doubted: set[str] = set()
+        self._worker: Worker
+
+    def run(self) -> None:
+        """Measure until somebody has had enough.
+
+        Raises:
+            DeviceError: a device that is not there at the start.
+            OutputError: a disk that is full.
+        """
+        with ExitStack() as stack:
+            stack.enter_context(self._arm)
+            self._worker = stack.enter_context(Worker(self._answered))
+            self._opened(self._arm.url)
+            self._worker.ask("determined", self._options.job)
+            first = True
+            while True:
+                try:
+                    measured = self._measure()
+                except DeviceError as error:
+                    if first:
+                        raise
+                    self._ask("lost", str(error), ("again", "Try again"), ("finish", "Calibrate"))
+                    measured = None
+                first = False
+                if measured is not None and measured.status == "interrupted":
+                    raise KeyboardInterrupt
+                if not self._after(measured):
+                    return
+
+    # ── measuring ───────────────────────────────────────────────────────────────────────────
+    def _measure(self) -> Measured:
+        """One session of `measure`, which is what the page shows."""
+        label = " ".join(self._options.labels.values())
+        self._planned, planned = None, self._planned
+        self.page.show(
+            phase="measuring", label=label, plan=None, verdict=None, buttons=_buttons(_MEASURING)
+        )
+        with self._device(planned) as device:
+            options = replace(self._options, device=device)
+            keys = PageKeys(self.page)
+            return measure(options, say=self._say, keyboard=keys, listen=self._listen)
+
+    @contextmanager
+    def _device(self, planned: NextPlace | None) -> Iterator[Path | None]:
+        """The ``device.yaml``; of an emulated arm for as long as it is there."""
+        options = self._options
+        if not self._emulate:
+            yield options.device
+            return
+        self._say("starting the emulated arm")
+        place = None if planned is None else PoseSpec(planned.rotation, planned.position)
+        plan, left = stations_of(options)
+        sequence = tuple(s.name for s in left) if plan.artefact is not None else ()
+        with emulated_arm(
+            options.job, dict(options.labels), options.rests, place, sequence
+        ) as device:
+            yield device
+
+    def _listen(self, event: SessionEvent) -> None:
+        match event:
+            case Said():
+                self._lines = [*self._lines, event.text][-_LINES:]
+                self.page.show(lines=self._lines)
+            case Opened():
+                self._artefact = event.plan.artefact
+                self._doubted = set()
+                self._seconds = event.seconds
+                self.page.show(how=event.plan.how, map=_map(event.plan.artefact), alert=None)
+            case Stations():
+                self._take_stations(event)
+            case Live():
+                self._draw(event)
+
+    def _take_stations(self, stations: Stations) -> None:
+        before, self._stations = self._stations, stations
+        rows = [(s.name, s.status, s.doubt) for s in stations.states]
+        self.page.show(stations=rows)
+        doubted = {state.name: state.doubt for state in stations.states if state.doubt}
+        new = [name for name in doubted if name not in self._doubted]
+        self._doubted = set(doubted)
+        if new:
+            self.page.show(alert=_alert(new[-1], doubted[new[-1]]))
+        elif stations.next in doubted or not doubted:
+            # It is being taken again, or all is well.
+            self.page.show(alert=None)
+        self._mark()
+        if before is not None and _taken(before) != _taken(stations):
+            self._worker.ask("determined", self._options.job)
+
+    def _draw(self, live: Live) -> None:
+        now = time.monotonic()
+        if now - self._drawn < _EACH:
+            return
+        self._drawn = now
+        if live.angles is not None:
+            self._arm.move(live.angles)
+        share = min(live.recorded / self._seconds, 1.0) if live.resting else 0.0
+        shown_live = {
+            "resting": live.resting,
+            "share": round(share, 2),
+            "silence": round(live.silence, 1),
+            "readings": live.angles is not None,
+        }
+        if shown_live != self.page.shown("live"):
+            self.page.show(live=shown_live)
+
+    def _mark(self) -> None:
+        """The places in the scene: what was touched, what is next, what is planned."""
+        marks = list[Mark]()
+        stations = self._stations
+        if stations is not None:
+            status = {state.name: _mark_status(state) for state in stations.states}
+            if stations.placed is not None and self._artefact is not None:
+                places = dict(zip(self._artefact.landmarks, stations.placed, strict=True))
+            else:
+                places = dict(stations.tips)
+            marks = [
+                Mark(name, place, status.get(name, "open"))
+                for name, place in places.items()
+                if name in status
+            ]
+        if self._worst is not None:
+            marks.append(self._worst)
+        if self._planned is not None:
+            names = ["here", *[""] * (len(self._planned.landmarks) - 1)]
+            marks += [
+                Mark(name, place, "planned")
+                for name, place in zip(names, self._planned.landmarks, strict=True)
+            ]
+        self._arm.mark(marks)
+
+    # ── between ─────────────────────────────────────────────────────────────────────────────
+    def _after(self, measured: Measured | None) -> bool:
+        """What becomes of a session that has ended; whether another one follows."""
+        missing = () if measured is None else measured.missing or ()
+        while True:
+            self._worker.ask("next", self._options.job)
+            self.page.show(plan={"waiting": True})
+            label = " ".join(self._options.labels.values())
+            following = next_label(self._options, after=label)
+            self._following = " ".join(following.values())
+            offered = [("next", f"Measure {self._following}")]
+            if missing:
+                offered = [("missing", f"Measure what is missing: {_few(missing)}"), *offered]
+            offered += [("finish", "Calibrate"), ("end", "End")]
+            text_of = (
+                f"{label} is complete" if not missing else f"{len(missing)} missing in {label}"
+            )
+            pressed = self._ask("between", text_of, *offered)
+            if pressed == "finish":
+                pressed = self._calibrate()
+            if pressed == "end":
+                return False
+            if pressed == "next":
+                self._options = replace(self._options, labels=following, sequence=None)
+                return True
+            if pressed in ("missing", "again"):
+                self._options = replace(self._options, sequence=tuple(missing) or None)
+                return True
+
+    def _calibrate(self) -> str:
+        """Calibrate with what is there, show the verdict; the button that is pressed then."""
+        self.page.show(phase="calibrating", headline="Calibrating", buttons=[], plan=None)
+        self._say("calibrating")
+        self._worker.ask("calibrated", self._options.job)
+        pressed = self._wait({"calibrated"})
+        assert pressed == "calibrated"
+        return self._ask("done", "", ("more", "Measure more"), ("end", "End"))
+
+    def _ask(self, phase: str, headline: str, *offered: tuple[str, str]) -> str:
+        """Show buttons, and give the one that is pressed."""
+        self.page.show(phase=phase, headline=headline, buttons=_buttons(offered), live=None)
+        return self._wait({button for button, _ in offered})
+
+    def _wait(self, buttons: set[str]) -> str:
+        while True:
+            try:
+                # Not for ever: Ctrl-C is heard only between.
+                pressed = self.page.pressed.get(timeout=0.5)
+            except Empty:
+                continue
+            if pressed in buttons:
+                return pressed
+
+    # ── answers of the other process ────────────────────────────────────────────────────────
+    def _answered(self, what: str, answer: Any) -> None:
+        if isinstance(answer, SoFar):
+            self._worst = Mark("", answer.worst_at, "worst")
+            self.page.show(determined=_so_far(answer))
+            self._mark()
+        elif isinstance(answer, NextPlace):
+            self._planned = answer
+            self.page.show(plan={"what": answer.what, "why": answer.why, "enough": answer.enough})
+            self._mark()
+        elif isinstance(answer, Calibrated):
+            self.page.link(answer.files)
+            self.page.show(verdict=_verdict(answer))
+            self._say(f"{answer.assessment.word}. {answer.assessment.statement}")
+            self._say(f"Report: {answer.files[0].parent / 'report.html'}")
+        elif isinstance(answer, Unanswered) and what == "calibrated":
+            self.page.show(verdict={"level": "bad", "word": "Not calibrated", "text": answer.why})
+            self._say(answer.why)
+        elif what == "next":
+            why = answer.why if isinstance(answer, Unanswered) else "too few samples to say"
+            self.page.show(plan={"what": "", "why": why, "enough": False})
+        if what == "calibrated":
+            self.page.press("calibrated")
+
+
+def next_label(options: MeasureOptions, after: str = "") -> dict[str, str]:
+    """The sort of place that a job touches first, and a label of it that is not measured yet.
+
+    Or one that this program has begun to measure and not finished; not that ``after`` which it is.
+
+    Raises:
+        JobError: the job touches nothing.
+    """
+    usable = [kind.kind for kind in KINDS.values() if kind.place]
+    try:
+        row = read_row(options.job, options.observation, usable, options.chain)
+    except JobError as error:
+        if options.observation is not None:
+            raise
+        raise JobError.of(
+            error, error.file, error.line, hint="for a camera, use suta-calib detect"
+        ) from None
+    place = KINDS[row.kind].place if row.kind in KINDS else ""
+    if not place:
+        raise JobError(
+            f"an observation of kind {row.kind}, in which nothing is touched",
+            f"one of kind {', '.join(usable)}",
+            file=options.job,
+            where="observations",
+        )
+    taken = set[str]()
+    try:
+        for file in expand(row.pattern, options.job.parent):
+            taken.update(map(str, read_csv_table(file).labels(place, "a label column")))
+    except SamplesError:
+        pass
+    for number in count(1):
+        label = f"{place[0].upper()}{number}"
+        if label == after:
+            taken.add(label)
+        if label not in taken:
+            return {place: label}
+        chosen = replace(options, labels={place: label}, resume=True, sequence=None)
+        if label != after and row.file(label, options.repeat).exists() and stations_of(chosen)[1]:
+            return {place: label}
+    raise AssertionError
+
+
+def _buttons(offered: Any) -> list[dict[str, str]]:
+    return [{"do": button, "label": label} for button, label in offered]
+
+
+def _few(names: tuple[str, ...]) -> str:
+    most = 4
+    return ", ".join(names[:most]) + (" …" if len(names) > most else "")
+
+
+def _taken(stations: Stations) -> list[tuple[str, tuple[float, ...]]]:
+    """What the samples are of, to see whether they have changed."""
+    return [
+        (s.name, tuple(stations.tips[s.name].tolist()) if s.name in stations.tips else ())
+        for s in stations.states
+        if s.status == "taken"
+    ]
+
+
+def _mark_status(state: StationState) -> MarkStatus:
+    if state.status == "next":
+        return "next"
+    if state.doubt:
+        return "doubted"
+    return "taken" if state.status == "taken" else "open"
+
+
+def _alert(name: str, doubt: str) -> dict[str, str]:
+    return {"title": f"{name} does not fit", "text": doubt}
+
+
+def _map(artefact: Artefact | None) -> list[list[Any]] | None:
+    """The landmarks from above, mm."""
+    if artefact is None:
+        return None
+    marks = artefact.landmarks.values()
+    return [[mark.name, *(round(float(x), 2) for x in mm(mark.position))] for mark in marks]
+
+
+def _so_far(found: SoFar) -> dict[str, Any]:
+    x, y, z = (f"{number:.0f}" for number in mm(found.worst_at))
+    return {
+        "parameters": [
+            {
+                "name": parameter.name,
+                "text": f"± {shown(parameter.std, parameter.unit):.2g} {unit_name(parameter.unit)}",
+                "share": round(parameter.share, 3),
+            }
+            for parameter in found.parameters
+        ],
+        "tip": f"± {text(found.tip, 'm', decimals=1)} mm",
+        "worst": f"± {text(found.worst, 'm', decimals=1)} mm at x {x}, y {y}, z {z} mm",
+        "samples": found.samples,
+    }
+
+
+def _verdict(answer: Calibrated) -> dict[str, Any]:
+    assessment = answer.assessment
+    return {
+        "level": assessment.level,
+        "word": assessment.word,
+        "headline": answer.headline,
+        "text": assessment.statement,
+        "notes": list(assessment.notes),
+        "files": [file.name for file in answer.files],
+        "folder": str(answer.files[0].parent) if answer.files else "",
+    }

@@ -1,0 +1,95 @@
+"""A job's file written into another folder, so that it means the same files there."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, Final
+
+import yaml
+
+from suta_calib.errors import JobError, SamplesError
+from suta_calib.measurements import YamlSection, read_yaml, write_text
+from suta_calib.measurements.files import expand
+
+# Values of these keys are names, also where a file is called alike.
+_NAMES: Final = frozenset({"kind", "select", "tip", "base", "chain", "link", "label"})
+
+
+def job_for_other_samples(job: Path, target: Path) -> Path:
+    """Write a job as ``target``, beside which its samples are to be.
+
+    Whatever else it names stays where it is.
+
+    Returns:
+        The new file.
+
+    Raises:
+        JobError: the job cannot be read.
+        OutputError: the file cannot be written.
+    """
+    return _write(_with_paths(_read(job), job.parent, lambda pattern: pattern), target)
+
+
+def job_so_far(job: Path, target: Path) -> Path | None:
+    """A job of the rows that have samples now.
+
+    Returns:
+        The job itself where all rows have some; ``target`` where some have none, written for it;
+        None where no row to be fitted has any.
+
+    Raises:
+        JobError: the job cannot be read.
+        OutputError: the file cannot be written.
+    """
+    written = _with_paths(
+        _read(job), job.parent, lambda pattern: str(_absolute(job.parent / pattern))
+    )
+    groups = [group for group in ("observations", "validation") if group in written]
+    rows = {group: [row for row in written[group] if _measured(row)] for group in groups}
+    if not rows.get("observations"):
+        return None
+    if all(len(rows[group]) == len(written[group]) for group in groups):
+        return job
+    kept = {key: rows.get(key, part) for key, part in written.items()}
+    return _write({key: part for key, part in kept.items() if part or key != "validation"}, target)
+
+
+def _read(job: Path) -> dict[str, Any]:
+    content: dict[str, Any] = YamlSection(read_yaml(Path(job), JobError), JobError).data
+    return content
+
+
+def _write(content: Any, target: Path) -> Path:
+    write_text(target, yaml.safe_dump(content, sort_keys=False, allow_unicode=True))
+    return target
+
+
+def _with_paths(content: Any, folder: Path, place: Callable[[str], str], key: str = "") -> Any:
+    """The same with the names of files there are made absolute, and those of samples placed."""
+    if isinstance(content, dict):
+        return {name: _with_paths(part, folder, place, name) for name, part in content.items()}
+    if isinstance(content, list):
+        return [_with_paths(part, folder, place, key) for part in content]
+    if not isinstance(content, str) or key in _NAMES:
+        return content
+    if key == "samples":
+        return place(content)
+    path = folder / content
+    return str(_absolute(path)) if path.is_file() else content
+
+
+def _absolute(path: Path) -> Path:
+    """Without links being followed: a job may lie beside its files by one."""
+    return path.absolute()
+
+
+def _measured(row: Any) -> bool:
+    """Whether files of samples are there that a row names."""
+    patterns = row.get("samples", ())
+    try:
+        for pattern in [patterns] if isinstance(patterns, str) else patterns:
+            expand(pattern, Path())
+    except SamplesError:
+        return False
+    return True
