@@ -13,7 +13,7 @@ import numpy as np
 from suta_calib.acquisition.averaging import Average
 from suta_calib.acquisition.guided import ENTER
 from suta_calib.acquisition.run import Run
-from suta_calib.acquisition.seating_check import ANOTHER, CERTAIN, likelier
+from suta_calib.acquisition.seating_check import ANOTHER, BETTER, CERTAIN, likelier
 from suta_calib.acquisition.stops import Complete, Ended, Event, Interrupted, Rejected, StopFinder
 from suta_calib.arrays import FloatArray
 from suta_calib.geometry.numbers import wrap
@@ -30,7 +30,8 @@ class Unattended:
         self, run: Run, finder: StopFinder, seconds: float, *, attended: bool = False
     ) -> None:
         self._run, self._finder, self._seconds = run, finder, seconds
-        self._unmoved, self._quit = attended, False
+        self._attended = self._unmoved = attended
+        self._quit = False
         # What was asked for: the rest as it is now, or the last landmark once more.
         self._at_once = self._again = False
         self._short: Average | None = None
@@ -96,7 +97,11 @@ class Unattended:
         if self.done:
             return
         nowhere = 40e-3  # m; nobody seats so badly
-        if not self._at_once and self._sure() and self._farthest_off(average) > nowhere:
+        if self._is_seated_again(average):
+            self._run.say(f"{self._run.plan.stations[self._run.index - 1].name} again")
+            self._run.back()
+            self._again = True
+        elif not self._at_once and self._sure() and self._farthest_off(average) > nowhere:
             self._doubt = True
             self._run.say(
                 "the arm rested where none of the remaining landmarks can be (next: "
@@ -123,6 +128,8 @@ class Unattended:
             return True
         repeated = stations[self._run.index - 1].labels == self._run.station.labels
         if self._again or repeated or not seating.same_place(average.angles, last):
+            return True
+        if self._is_seated_again(average):
             return True
         if not self._said_still:
             self._run.say(f"still on {stations[self._run.index - 1].name}: not counted again")
@@ -167,6 +174,19 @@ class Unattended:
             self._run.say(f"rested {short.seconds:.1f} s but not on a landmark: treated as a pause")
             return
         self._confirm(short, f"shortened: {short.seconds:.1f} of {self._seconds:g} s")
+
+    def _is_seated_again(self, average: Average) -> bool:
+        """Whether this is the last landmark once more, whose sample does not fit."""
+        run, seating = self._run, self._run.seating
+        if not self._attended or self._at_once or self._again or seating is None or not run.index:
+            return False
+        last = run.plan.stations[run.index - 1]
+        if last.name not in run.notes:
+            return False
+        misfit = seating.misfit(last.labels["landmark"], average.angles)
+        before = seating.tips[last.labels["landmark"]]
+        better = BETTER * misfit < float(np.linalg.norm(seating.tip(average.angles) - before))
+        return misfit < ANOTHER and better and BETTER * misfit < self._farthest_off(average)
 
     def _farthest_off(self, average: Average) -> float:
         """How far the tip is from where even the nearest of the landmarks left must be, m."""

@@ -17,7 +17,6 @@ from suta_calib.arrays import FloatArray
 from suta_calib.geometry.numbers import rpy_from_rotation
 from suta_calib.job.calibration import CalibrationJob
 from suta_calib.job.standing_elsewhere import job_so_far
-from suta_calib.terms import KINDS
 from suta_calib.units import Unit, deg, from_mm, mm, text
 
 Answer = TypeVar("Answer")
@@ -74,21 +73,23 @@ class NextPlace:
     """The measurement that would tell most.
 
     Attributes:
-        what: in words, where to put it.
-        why: what it brings, and how many more are worthwhile.
-        enough: whether one more brings next to nothing.
+        sort: of place, as a column of samples has it: ``placement``, ``point``.
+        what: where it is, in words.
+        why: what it brings.
+        enough: whether it brings next to nothing.
+        count: of touches, where it has no landmarks; else 0.
         landmarks: (n, 3) where the artefact would have its landmarks, or the point, m.
         position, rotation: of the artefact, or the point, in the base.
-        tip: RMS uncertainty of the tip now, m.
     """
 
+    sort: str
     what: str
     why: str
     enough: bool
+    count: int
     landmarks: FloatArray
     position: FloatArray
     rotation: FloatArray
-    tip: float
 
 
 def determined(job: Path) -> SoFar | None:
@@ -148,31 +149,31 @@ def _determined(job: CalibrationJob) -> SoFar:
 
 def _next_place(job: CalibrationJob) -> NextPlace:
     situation = planning.situation_of_job(job)
-    touched = {KINDS[row.kind].place for row in job.spec.observations}
-    # Only what the job has a row for.
-    usual = planning.Pool()
-    points = usual.points if touched - {"placement", ""} else 0
-    pool = planning.Pool(placements=usual.placements, points=points, poses=0)
+    # Enough to find a good one while somebody puts the artefact down.
+    pool = planning.Pool(placements=120, points=40, poses=0)
     plan = planning.plan(situation, planning.PlanOptions(count=1, pool=pool))
     place, stop = plan.chosen[0].candidate.place, plan.stop
     assert not isinstance(place, planning.Posture)
     rotation, landmarks = np.eye(3), place.position[None]
-    x, y, z = mm(place.position)
-    what = f"a point at x = {x:.0f} mm, y = {y:.0f} mm, z = {z:.0f} mm"
-    if isinstance(place, planning.Placement) and situation.artefact is not None:
-        rotation = place.rotation
+    where = "x = {:.0f}, y = {:.0f}, z = {:.0f} mm".format(*mm(place.position))
+    if isinstance(place, planning.Placement):
+        assert situation.artefact is not None
+        sort, count, rotation = "placement", 0, place.rotation
         names = list(situation.artefact.landmarks)
         landmarks = situation.artefact.position_of(names) @ rotation.T + place.position
-        yaw = deg(rpy_from_rotation(rotation)[2])
-        what = f"the artefact at x = {x:.0f} mm, y = {y:.0f} mm, z = {z:.0f} mm"
-        what += f", turned by {yaw:.0f}°"
-        what += f" and tilted by {deg(place.tilt):.0f}°" if deg(place.tilt) >= 1 else ""
-    before, after = (text(size, "m") for size in stop.tips[:2])
-    why = f"it changes the uncertainty of the tip from {before} to {after} mm"
-    enough = stop.worthwhile == 0
-    more = "more than 10" if stop.worthwhile is None else f"{stop.worthwhile}"
-    if enough:
-        why += f". That is less than {100 * stop.least_gain:.0f} %: you can stop"
+        what = f"the artefact at {where}, turned by {deg(rpy_from_rotation(rotation)[2]):.0f}°"
+        what += f", tilted by {deg(place.tilt):.0f}°" if deg(place.tilt) >= 1 else ""
     else:
-        why += f". {more} more {'is' if more == '1' else 'are'} worthwhile"
-    return NextPlace(what, f"{why}.", enough, landmarks, place.position, rotation, plan.before.tip)
+        sort, count = place.kind, place.directions
+        what = f"one {sort} at {where}, touched from {count} directions"
+    before, after = (_millimetres(size) for size in stop.tips[:2])
+    why = f"The uncertainty of the tip then goes from {before} to {after} mm"
+    enough = stop.worthwhile == 0
+    if enough:
+        why += f", by less than {100 * stop.least_gain:.0f} %"
+    return NextPlace(sort, what, f"{why}.", enough, count, landmarks, place.position, rotation)
+
+
+def _millimetres(size: float) -> str:
+    """A length in mm, as one says it."""
+    return f"{mm(size):.2f}" if mm(size) < 1 else f"{mm(size):.1f}"

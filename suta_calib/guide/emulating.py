@@ -11,12 +11,14 @@ from typing import Final
 
 import numpy as np
 
-from suta_calib.emulation.emulated import EmulationOptions, emulated_device
+from suta_calib.emulation.emulated import EmulatedDevice, EmulationOptions, emulated_device
 from suta_calib.emulation.emulated_arm import EmulatedArm
 from suta_calib.emulation.motion import Stops
+from suta_calib.geometry.numbers import wrap
 from suta_calib.job.outline import read_outline
 from suta_calib.job.standing_elsewhere import job_for_other_samples
 from suta_calib.simulation import PoseSpec
+from suta_calib.units import shown
 
 # Of the errors of the arm that is emulated.
 _SEED: Final = 1
@@ -29,9 +31,7 @@ def job_to_try(job: Path) -> Path:
         JobError: the job cannot be read.
         OutputError: the copy cannot be written.
     """
-    folder = job.parent / "emulated"
-    folder.mkdir(exist_ok=True)
-    return job_for_other_samples(job, folder / job.name)
+    return job_for_other_samples(job, job.parent / "emulated" / job.name)
 
 
 @contextmanager
@@ -59,7 +59,7 @@ def emulated_arm(
     else:
         points = {label: place or PoseSpec(np.eye(3), np.array([0.4, 0.0, 0.1]))}
         options = replace(options, points=points, directions=rests)
-    emulation = emulated_device(options).emulation
+    emulation = _near_each_other(options).emulation
     motion = emulation.motion
     assert isinstance(motion, Stops)
     away = motion.posture[0] + 0.1
@@ -71,3 +71,22 @@ def emulated_arm(
     )
     with EmulatedArm(replace(emulation, motion=taken_up), patient=True) as arm:
         yield arm.write_device(job.parent / "device.yaml")
+
+
+def _near_each_other(options: EmulationOptions) -> EmulatedDevice:
+    """The arm in postures near the first one: nobody turns an arm over between two landmarks."""
+    found = emulated_device(options)
+    assert found.plan is not None
+    assert isinstance(found.emulation.motion, Stops)
+    arm, first = found.arm, found.emulation.motion.posture[0]
+    units = [arm.units[joint] for joint in arm.joints]
+    first = np.where([unit == "rad" for unit in units], wrap(first), first)
+    readings = (
+        f"{joint}={shown(float(reading), unit):.3f}"
+        for joint, reading, unit in zip(arm.joints, first, units, strict=True)
+    )
+    places = dict(found.plan.places)
+    near = replace(options, posture=",".join(readings))
+    if options.placements:
+        return emulated_device(replace(near, placements=places))
+    return emulated_device(replace(near, points=places))

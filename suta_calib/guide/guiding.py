@@ -7,12 +7,13 @@ what the page shows, and the page's buttons become keys.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
 from itertools import count
 from pathlib import Path
 from queue import Empty
+from types import MappingProxyType
 from typing import Any, Final
 
 from suta_calib.acquisition.measuring import Measured, MeasureOptions, measure, stations_of
@@ -24,7 +25,7 @@ from suta_calib.acquisition.session_events import (
     Stations,
     StationState,
 )
-from suta_calib.acquisition.touch_sequence import read_row
+from suta_calib.acquisition.touch_sequence import kinds_of, read_row
 from suta_calib.device.device_file import read_device
 from suta_calib.errors import DeviceError, InputError, JobError, SamplesError
 from suta_calib.guide.calibrating import Calibrated
@@ -111,6 +112,8 @@ class Guide:
         self._stations: Stations | None = None
         self._worst: Mark | None = None
         self._planned: NextPlace | None = None
+        self._missing: tuple[str, ...] = ()
+        self._following: Mapping[str, str] = {}
         self._lines: list[str] = []
         self._drawn = 0.0
         self._doubted: set[str] = set()
@@ -135,8 +138,11 @@ class Guide:
                 except DeviceError as error:
                     if first:
                         raise
-                    self._ask("lost", str(error), ("again", "Try again"), ("finish", "Calibrate"))
-                    measured = None
+                    again = _buttons((("again", "Try again"), ("end", "End")))
+                    self.page.show(phase="lost", headline=str(error), buttons=again, live=None)
+                    if self._wait("again", "end") == "end":
+                        return
+                    continue
                 first = False
                 if measured is not None and measured.status == "interrupted":
                     raise KeyboardInterrupt
@@ -248,47 +254,65 @@ class Guide:
     # ── between ─────────────────────────────────────────────────────────────────────────────
     def _after(self, measured: Measured | None) -> bool:
         """What becomes of a session that has ended; whether another one follows."""
-        missing = () if measured is None else measured.missing or ()
+        self._missing = () if measured is None else measured.missing or ()
+        self._following = self._options.labels
+        label = " ".join(self._options.labels.values())
+        headline = f"{label} is complete"
+        if self._missing:
+            headline = f"{len(self._missing)} not measured in {label}"
         while True:
+            self._follow(next(iter(self._options.labels)))
+            self.page.show(plan={"waiting": True}, phase="between", headline=headline, live=None)
+            self._offer()
             self._worker.ask("next", self._options.job)
-            self.page.show(plan={"waiting": True})
-            label = " ".join(self._options.labels.values())
-            following = next_label(self._options, after=label)
-            self._following = " ".join(following.values())
-            offered = [("next", f"Measure {self._following}")]
-            if missing:
-                offered = [("missing", f"Measure what is missing: {_few(missing)}"), *offered]
-            offered += [("finish", "Calibrate"), ("end", "End")]
-            text_of = (
-                f"{label} is complete" if not missing else f"{len(missing)} missing in {label}"
-            )
-            pressed = self._ask("between", text_of, *offered)
+            pressed = self._wait("next", "missing", "finish", "end")
             if pressed == "finish":
                 pressed = self._calibrate()
             if pressed == "end":
                 return False
+            if pressed == "missing":
+                sequence = None if self._artefact is None else self._missing
+                self._options = replace(self._options, sequence=sequence)
+                self._planned = None
+                return True
             if pressed == "next":
-                self._options = replace(self._options, labels=following, sequence=None)
+                planned = self._planned
+                rests = self._options.rests if planned is None else planned.count
+                rests = rests or self._options.rests
+                labels = self._following
+                self._options = replace(self._options, labels=labels, sequence=None, rests=rests)
                 return True
-            if pressed in ("missing", "again"):
-                self._options = replace(self._options, sequence=tuple(missing) or None)
-                return True
+
+    def _follow(self, sort: str) -> bool:
+        """Offer a new place of this sort next, if the job has a row for one; whether it has."""
+        try:
+            self._following = next_label(self._options, sort, after=self._options.labels)
+        except JobError:
+            return False
+        return True
+
+    def _offer(self) -> None:
+        """Show the buttons between two places."""
+        offered = []
+        if self._missing:
+            offered.append(("missing", f"Measure {_few(self._missing)}"))
+        offered.append(("next", f"Measure {' '.join(self._following.values())}"))
+        offered += [("finish", "Calibrate"), ("end", "End")]
+        self.page.show(buttons=_buttons(offered))
 
     def _calibrate(self) -> str:
         """Calibrate with what is there, show the verdict; the button that is pressed then."""
         self.page.show(phase="calibrating", headline="Calibrating", buttons=[], plan=None)
         self._say("calibrating")
         self._worker.ask("calibrated", self._options.job)
-        pressed = self._wait({"calibrated"})
-        assert pressed == "calibrated"
-        return self._ask("done", "", ("more", "Measure more"), ("end", "End"))
+        self._wait("calibrated")
+        self.page.show(
+            phase="done", headline="", buttons=_buttons((("more", "Measure more"), ("end", "End")))
+        )
+        return self._wait("more", "end")
 
-    def _ask(self, phase: str, headline: str, *offered: tuple[str, str]) -> str:
-        """Show buttons, and give the one that is pressed."""
-        self.page.show(phase=phase, headline=headline, buttons=_buttons(offered), live=None)
-        return self._wait({button for button, _ in offered})
-
-    def _wait(self, buttons: set[str]) -> str:
+    def _wait(self, *buttons: str) -> str:
+        """Which of these buttons is pressed."""
         while True:
             try:
                 # Not for ever: Ctrl-C is heard only between.
@@ -305,9 +329,8 @@ class Guide:
             self.page.show(determined=_so_far(answer))
             self._mark()
         elif isinstance(answer, NextPlace):
-            self._planned = answer
-            self.page.show(plan={"what": answer.what, "why": answer.why, "enough": answer.enough})
-            self._mark()
+            if self.page.shown("phase") == "between":
+                self._show_planned(answer)
         elif isinstance(answer, Calibrated):
             self.page.link(answer.files)
             self.page.show(verdict=_verdict(answer))
@@ -317,21 +340,40 @@ class Guide:
             self.page.show(verdict={"level": "bad", "word": "Not calibrated", "text": answer.why})
             self._say(answer.why)
         elif what == "next":
-            why = answer.why if isinstance(answer, Unanswered) else "too few samples to say"
-            self.page.show(plan={"what": "", "why": why, "enough": False})
+            why = answer.why if isinstance(answer, Unanswered) else "There are too few samples yet."
+            self.page.show(plan={"head": "No best place was found", "why": why})
         if what == "calibrated":
             self.page.press("calibrated")
 
+    def _show_planned(self, planned: NextPlace) -> None:
+        """The place that tells most, and a button that goes there."""
+        self._planned, why = planned, planned.why
+        if not self._follow(planned.sort):
+            kind = next(k.kind for k in KINDS.values() if k.place == planned.sort)
+            why += f" The job has no row for it: add {{kind: {kind}, samples: '{kind}/*.csv'}} to "
+            why += "observations, and start guide again."
+        head = "You can stop" if planned.enough else f"Best next: {planned.what}"
+        self.page.show(plan={"head": head, "why": why})
+        self._offer()
+        self._mark()
 
-def next_label(options: MeasureOptions, after: str = "") -> dict[str, str]:
-    """The sort of place that a job touches first, and a label of it that is not measured yet.
 
-    Or one that this program has begun to measure and not finished; not that ``after`` which it is.
+def next_label(
+    options: MeasureOptions, sort: str = "", after: Mapping[str, str] = MappingProxyType({})
+) -> dict[str, str]:
+    """A sort of place that a job touches, and a label of it that is not measured yet.
+
+    Or one that this program has begun to measure and not finished.
+
+    Args:
+        options: of the measurement.
+        sort: of place; that of the job's first row by default.
+        after: the sort and label that were measured last.
 
     Raises:
-        JobError: the job touches nothing.
+        JobError: the job touches nothing, or nothing of this sort.
     """
-    usable = [kind.kind for kind in KINDS.values() if kind.place]
+    usable = kinds_of(sort) if sort else [k.kind for k in KINDS.values() if k.place]
     try:
         row = read_row(options.job, options.observation, usable, options.chain)
     except JobError as error:
@@ -341,13 +383,15 @@ def next_label(options: MeasureOptions, after: str = "") -> dict[str, str]:
             error, error.file, error.line, hint="for a camera, use suta-calib detect"
         ) from None
     place = KINDS[row.kind].place if row.kind in KINDS else ""
-    if not place:
+    if not place or (sort and place != sort):
         raise JobError(
             f"an observation of kind {row.kind}, in which nothing is touched",
             f"one of kind {', '.join(usable)}",
             file=options.job,
             where="observations",
         )
+    # A fixed point is an F, for P is taken.
+    letter = "F" if place == "point" else place[0].upper()
     taken = set[str]()
     try:
         for file in expand(row.pattern, options.job.parent):
@@ -355,13 +399,13 @@ def next_label(options: MeasureOptions, after: str = "") -> dict[str, str]:
     except SamplesError:
         pass
     for number in count(1):
-        label = f"{place[0].upper()}{number}"
-        if label == after:
-            taken.add(label)
+        label = f"{letter}{number}"
+        if {place: label} == after:
+            continue
         if label not in taken:
             return {place: label}
         chosen = replace(options, labels={place: label}, resume=True, sequence=None)
-        if label != after and row.file(label, options.repeat).exists() and stations_of(chosen)[1]:
+        if row.file(label, options.repeat).exists() and stations_of(chosen)[1]:
             return {place: label}
     raise AssertionError
 

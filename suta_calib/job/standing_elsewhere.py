@@ -8,7 +8,7 @@ from typing import Any, Final
 
 import yaml
 
-from suta_calib.errors import JobError, SamplesError
+from suta_calib.errors import JobError, OutputError, SamplesError
 from suta_calib.measurements import YamlSection, read_yaml, write_text
 from suta_calib.measurements.files import expand
 
@@ -28,6 +28,10 @@ def job_for_other_samples(job: Path, target: Path) -> Path:
         JobError: the job cannot be read.
         OutputError: the file cannot be written.
     """
+    try:
+        target.parent.mkdir(exist_ok=True)
+    except OSError as error:
+        raise OutputError(f"{target.parent}: not made: {error.strerror}") from error
     return _write(_with_paths(_read(job), job.parent, lambda pattern: pattern), target)
 
 

@@ -78,7 +78,7 @@ class MeasuredArm:
             first = self._viewer.server.initial_camera
             position, first.look_at = camera_view(scene)
             # Nearer than a whole scene is looked at: what counts is at the tip.
-            first.position = first.look_at + 0.7 * (position - first.look_at)
+            first.position = first.look_at + 0.85 * (position - first.look_at)
             draw_floor(self._viewer.server.scene, scene)
             self.seen = True
         self._viewer.move(q)

@@ -94,6 +94,20 @@ def test_a_wrong_landmark_is_doubted_at_once_and_taken_again(
     assert attended.status == "taken taken taken taken taken next"
 
 
+def test_a_landmark_that_does_not_fit_is_seated_again_without_a_key(
+    attended: Attended, scene: Scene
+) -> None:
+    for name in ("O", "M1", "M2", "M3"):
+        attended.go(scene[name])
+    attended.go(scene["M4"] + np.array([0.0, 0.05, 0.0, 0.0, 0.0, 0.0]))
+    assert list(attended.doubts) == ["M4"]
+    attended.go(scene["M4"])
+    assert attended.doubts == {}
+    attended.go(scene["M5"])
+    assert attended.rows() == ["O", "M1", "M2", "M3", "M4", "M5"]
+    assert np.abs(attended.run.file.rows[4][1] - scene["M4"]).max() < 1e-5
+
+
 def test_skip_and_stop(attended: Attended, scene: Scene) -> None:
     attended.guided.press("s")
     attended.go(scene["M1"])

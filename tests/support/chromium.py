@@ -18,20 +18,27 @@ from websockets.sync.client import connect
 PROGRAM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("chrome")
 _SWITCHES = (
     *("--headless", "--no-sandbox", "--hide-scrollbars", "--no-first-run"),
-    # Software WebGL, for there may be no graphics card.
-    *("--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--ignore-gpu-blocklist"),
     "--remote-debugging-port=0",
 )
+# WebGL without a graphics card; it takes more than one core.
+WITH_WEBGL = ("--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--ignore-gpu-blocklist")
+WITHOUT_WEBGL = ("--disable-gpu", "--disable-3d-apis")
 
 
 class Chromium:
     """One page of a browser, 1400 by 900 px at first."""
 
-    def __init__(self, url: str = "about:blank", *switches: str) -> None:
+    def __init__(self, *switches: str) -> None:
         assert PROGRAM is not None
         self._folder = tempfile.TemporaryDirectory(prefix="chromium-", ignore_cleanup_errors=True)
         self._number = count(1)
-        command = [PROGRAM, *_SWITCHES, *switches, f"--user-data-dir={self._folder.name}", url]
+        command = [
+            PROGRAM,
+            *_SWITCHES,
+            *switches,
+            f"--user-data-dir={self._folder.name}",
+            "about:blank",
+        ]
         self._process = subprocess.Popen(
             command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
         )
@@ -69,7 +76,7 @@ class Chromium:
         number = next(self._number)
         self._page.send(json.dumps({"id": number, "method": method, "params": parameters}))
         while True:
-            answer = json.loads(self._page.recv(timeout=30))
+            answer = json.loads(self._page.recv(timeout=60))
             if answer.get("id") == number:
                 assert "error" not in answer, answer
                 return dict(answer["result"])
@@ -94,7 +101,9 @@ class Chromium:
     def wait(self, script: str, seconds: float = 20.0) -> Any:
         """Until an expression is true; its value."""
         end = time.monotonic() + seconds
-        while not (found := self.evaluate(script)):
+        # What it is about may not be there yet.
+        tried = f"(() => {{ try {{ return {script}; }} catch {{ return null; }} }})()"
+        while not (found := self.evaluate(tried)):
             if time.monotonic() > end:
                 raise TimeoutError(f"{script}; the page says {self.text!r}")
             time.sleep(0.05)

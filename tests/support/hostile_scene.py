@@ -152,6 +152,11 @@ GIVEN = {
         out_is_file=True,
         needs_device=True,
     ),
+    "guide": Given(
+        ("touched.yaml", "--device", "device.yaml", "--port", "0", "--no-open"),
+        ("touched.yaml", URDF, "artefact.yaml", "device.yaml"),
+        needs_device=True,
+    ),
     "plan": Given((JOB, "-n", "1", "--tilt", "0"), _OF_JOB, "--out"),
     "tip-map": Given((JOB, *BOX, "--anyway"), _OF_JOB, "--out"),
     "residual-map": Given((JOB, "--anyway"), _OF_JOB, "--out"),

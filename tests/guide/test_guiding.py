@@ -1,0 +1,261 @@
+"""From one session to the next: what the page offers, and what its buttons do."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from suta_calib.acquisition.measuring import Measured, MeasureOptions, stations_of
+from suta_calib.acquisition.session_events import Live, Opened, Said, Stations, StationState
+from suta_calib.assessment import Assessment
+from suta_calib.errors import DeviceError, InputError, JobError
+from suta_calib.guide import guiding
+from suta_calib.guide.calibrating import Calibrated
+from suta_calib.guide.determined import Determined, NextPlace, SoFar
+from suta_calib.guide.guiding import Guide, GuideOptions, next_label
+from suta_calib.guide.work import Unanswered, Worker
+
+pytest.importorskip("viser")
+DEVICE = "port: /dev/no-such-port\njoints: [{}]\n"
+SO_FAR = SoFar(
+    (Determined("joint_2.offset", "rad", 1e-3, 2e-4, 0.8),), 2e-3, 4e-3, np.array([0.1, 0.2, 0]), 2
+)
+POINT = NextPlace(
+    "point", "one point", "Good.", False, 30, np.zeros((1, 3)), np.zeros(3), np.eye(3)
+)
+
+
+@pytest.fixture
+def options(job: Path) -> GuideOptions:
+    device = job.parent / "device.yaml"
+    device.write_text(DEVICE.format(", ".join(f"{{name: joint_{k}}}" for k in range(1, 7))))
+    return GuideOptions(MeasureOptions(job, device), port=0)
+
+
+class Answering:
+    """A worker that knows all answers, and a user who presses buttons."""
+
+    presses: tuple[tuple[str, str], ...] = ()
+    answers: dict[str, Any] = {}  # noqa: RUF012
+    page: Any = None
+
+    def __init__(self, answered: Callable[[str, Any], None]) -> None:
+        self._answered = answered
+
+    def __enter__(self) -> Answering:
+        return self
+
+    def __exit__(self, *_: object) -> None: ...
+
+    def ask(self, what: str, job: Path) -> None:
+        del job
+        self._answered(what, self.answers.get(what, Unanswered("nothing is known")))
+        for after, button in self.presses:
+            if after == what:
+                self.page.press(button)
+
+
+@pytest.fixture
+def guide(options: GuideOptions, monkeypatch: pytest.MonkeyPatch) -> Iterator[Guide]:
+    monkeypatch.setattr(guiding, "Worker", Answering)
+    guide = Guide(options, lambda _: None)
+    monkeypatch.setattr(Answering, "page", guide.page)
+    yield guide
+    guide._arm.__exit__()
+
+
+def session(*statuses: str, doubt: str = "", status: str = "complete") -> Callable[..., Measured]:
+    """One that finds its stations so, in turn."""
+
+    def measure(options: MeasureOptions, listen: Any, **_: Any) -> Measured:
+        plan, _left = stations_of(options)
+        names = [station.name for station in plan.stations]
+        listen(Opened(plan, 2.0))
+        for now in statuses:
+            states = (
+                StationState(name, word, doubt if word == "taken" else "")  # type: ignore[arg-type]
+                for name, word in zip(names, now.split(), strict=False)
+            )
+            tips = {name: np.zeros(3) for name, _ in zip(names, now.split(), strict=False)}
+            listen(Stations(tuple(states), tips))
+        listen(Said("a sentence"))
+        listen(Live("moving", np.zeros(6), True, 1.0, 0.0))
+        missing = tuple(n for n, w in zip(names, now.split(), strict=False) if w == "skipped")
+        return Measured(status, Path("x.csv"), 1, missing=missing)  # type: ignore[arg-type]
+
+    return measure
+
+
+def test_from_a_placement_to_the_verdict(guide: Guide, monkeypatch: pytest.MonkeyPatch) -> None:
+    files = tuple(guide._options.job.parent / name for name in ("report.html", "result.json"))
+    answer = Calibrated("5 to 1 mm", Assessment.of("fine"), files, files[0])
+    monkeypatch.setattr(
+        Answering, "answers", {"determined": SO_FAR, "next": POINT, "calibrated": answer}
+    )
+    monkeypatch.setattr(Answering, "presses", (("next", "finish"), ("calibrated", "end")))
+    monkeypatch.setattr(guiding, "measure", session("next open", "taken next", "taken taken"))
+    guide.run()
+    shown = guide.page.shown
+    assert shown("label") == "P1"
+    assert [row[1] for row in shown("stations")] == ["taken", "taken"]
+    assert shown("live") is None
+    assert shown("lines") == ["a sentence"]
+    assert shown("determined")["tip"] == "± 2.0 mm"
+    assert shown("determined")["worst"] == "± 4.0 mm at x 100, y 200, z 0 mm"
+    assert shown("determined")["parameters"][0]["text"] == "± 0.057 deg"
+    assert shown("verdict")["word"] == "Good"
+    assert shown("verdict")["files"] == ["report.html", "result.json"]
+    assert shown("phase") == "done"
+
+
+def test_the_place_that_tells_most_is_offered(
+    guide: Guide, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    measured = list[dict[str, str]]()
+
+    def measure(options: MeasureOptions, **more: Any) -> Measured:
+        measured.append(dict(options.labels))
+        if len(measured) > 1:
+            assert (options.rests, options.sequence) == (30, None)
+            monkeypatch.setattr(Answering, "presses", (("next", "end"),))
+        return session("taken taken")(options, **more)
+
+    monkeypatch.setattr(Answering, "answers", {"next": POINT})
+    monkeypatch.setattr(Answering, "presses", (("next", "next"),))
+    monkeypatch.setattr(guiding, "measure", measure)
+    guide.run()
+    assert measured == [{"placement": "P1"}, {"point": "F1"}]
+    assert guide.page.shown("plan")["head"] == "Best next: one point"
+
+
+def test_what_is_missing_is_offered(guide: Guide, monkeypatch: pytest.MonkeyPatch) -> None:
+    sequences = list[Any]()
+
+    def measure(options: MeasureOptions, **more: Any) -> Measured:
+        sequences.append(options.sequence)
+        if len(sequences) == 1:
+            return session("taken skipped skipped")(options, **more)
+        monkeypatch.setattr(Answering, "presses", (("next", "end"),))
+        return session("taken taken")(options, **more)
+
+    monkeypatch.setattr(Answering, "presses", (("next", "missing"),))
+    monkeypatch.setattr(guiding, "measure", measure)
+    guide.run()
+    assert sequences == [None, ("M1", "M2")]
+    # Why nothing is proposed is said.
+    assert guide.page.shown("plan")["why"] == "nothing is known"
+
+
+def test_what_does_not_fit_is_said_until_it_is_taken_again(
+    guide: Guide, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    alerts = list[Any]()
+    monkeypatch.setattr(Answering, "presses", (("next", "end"),))
+
+    def measure(options: MeasureOptions, listen: Any, **more: Any) -> Measured:
+        def heard(event: Any) -> None:
+            listen(event)
+            if isinstance(event, Stations):
+                alerts.append(guide.page.shown("alert"))
+
+        return session("next", "taken", doubt="it is off")(options, listen=heard, **more)
+
+    monkeypatch.setattr(guiding, "measure", measure)
+    guide.run()
+    assert alerts == [None, {"title": "O does not fit", "text": "it is off"}]
+    state = StationState("O", "next", "it is off")
+    guide._listen(Stations((state,), {}))
+    assert guide.page.shown("alert") is None
+
+
+def test_a_device_that_is_lost_later_is_waited_for(
+    guide: Guide, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    calls = list[int]()
+
+    def measure(options: MeasureOptions, **more: Any) -> Measured:
+        calls.append(1)
+        if len(calls) == 2:
+            guide.page.press("again")
+            raise DeviceError("no such port")
+        if len(calls) == 3:
+            assert guide.page.shown("label") == "P2"
+            monkeypatch.setattr(Answering, "presses", (("next", "end"),))
+        return session("taken")(options, **more)
+
+    monkeypatch.setattr(Answering, "presses", (("next", "next"),))
+    monkeypatch.setattr(guiding, "measure", measure)
+    guide.run()
+    assert len(calls) == 3
+
+
+def test_ctrl_c_and_a_device_that_was_never_there_end_it(
+    guide: Guide, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(guiding, "measure", session("next", status="interrupted"))
+    with pytest.raises(KeyboardInterrupt):
+        guide.run()
+
+
+def test_no_device_no_page(options: GuideOptions) -> None:
+    with pytest.raises(DeviceError, match="no-such-port"):
+        Guide(options, lambda _: None).run()
+
+
+def test_a_device_or_an_emulated_one(options: GuideOptions) -> None:
+    for wrong in (
+        replace(options, emulate=True),
+        replace(options, measuring=replace(options.measuring, device=None)),
+    ):
+        with pytest.raises(InputError, match=r"one of --device device\.yaml and --emulate"):
+            Guide(wrong, lambda _: None)
+
+
+def test_the_next_label(options: GuideOptions) -> None:
+    measuring, folder = options.measuring, options.measuring.job.parent
+    assert next_label(measuring) == {"placement": "P1"}
+    assert next_label(measuring, "point") == {"point": "F1"}
+    assert next_label(measuring, after={"placement": "P1"}) == {"placement": "P2"}
+    joints = ",".join(f"joint_{k}" for k in range(1, 7))
+    (folder / "calibration").mkdir()
+    file = folder / "calibration" / "P1_1.csv"
+    rows = f"{joints},placement,repeat,landmark\n0,0,0,0,0,0,P1,1,O\n"
+    file.write_text(rows)
+    # Begun here, and not finished.
+    assert next_label(measuring) == {"placement": "P1"}
+    # Of another program.
+    file.rename(file.with_name("all.csv"))
+    assert next_label(measuring) == {"placement": "P2"}
+    with pytest.raises(JobError, match="plane"):
+        next_label(measuring, "plane")
+
+
+def test_a_job_in_which_nothing_is_touched(options: GuideOptions) -> None:
+    job = options.measuring.job
+    text = job.read_text().replace("pairwise_distance", "tracked_point")
+    job.write_text(text.replace('  - {kind: fixed_point, samples: "fixed_point/*.csv"}\n', ""))
+    with pytest.raises(JobError, match="for a camera, use suta-calib detect"):
+        Guide(options, lambda _: None)
+
+
+@pytest.mark.slow
+def test_the_worker_says_why_it_has_no_answer(job: Path) -> None:
+
+    answers, there = list[tuple[str, Any]](), threading.Event()
+
+    def answered(what: str, answer: Any) -> None:
+        answers.append((what, answer))
+        there.set()
+
+    with Worker(answered) as worker:
+        worker.ask("calibrated", job)
+        assert there.wait(60)
+    ((what, answer),) = answers
+    assert what == "calibrated"
+    assert "found no samples yet" in answer.why
