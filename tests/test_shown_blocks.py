@@ -26,6 +26,7 @@ NOT_RUN = {
     "suta-calib emulate": DEVICE,
     "suta-calib monitor": DEVICE,
     "suta-calib measure": DEVICE,
+    "suta-calib guide": DEVICE,
     "suta-calib track": DEVICE,
     "suta-calib path-accuracy": "compares what was tracked; tests/tracking/test_path_accuracy.py",
     "suta-calib zero-offsets": "needs the emulator's truth; tests/cli/test_zero_offsets.py",
