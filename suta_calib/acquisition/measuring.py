@@ -14,6 +14,7 @@ from typing import Any, Literal
 from suta_calib.acquisition.continuous import Continuous, Swept, time_columns
 from suta_calib.acquisition.extra_columns import ExtraColumns
 from suta_calib.acquisition.guided import Guided, Keyboard, Keys
+from suta_calib.acquisition.pictures import FOLDER, IMAGE, RestPictures, Seen, nothing_seen
 from suta_calib.acquisition.raw import RawRecorder
 from suta_calib.acquisition.replay import RecordedStream, RecordingEnded
 from suta_calib.acquisition.rest import DEFAULT_REST, RestSettings
@@ -61,6 +62,7 @@ from suta_calib.errors import InputError, MissingExtraError
 from suta_calib.inputs import UrdfFile
 from suta_calib.job.outline import read_outline
 from suta_calib.optional_packages import load
+from suta_calib.simulation.schema import PORTABLE_NAME
 from suta_calib.terms import KINDS, Term
 from suta_calib.units import deg
 
@@ -98,6 +100,8 @@ class MeasureOptions(Displayable):
         urdf: for the distances that are shown; the job's by default.
         rest: what counts as rest.
         chain: which of several chains of the job's robot is measured.
+        camera: ``NAME=SOURCE`` of a camera that takes a picture at each rest; samples and pictures
+            go to the folder of this name beside the job (`RestPictures`).
     """
 
     job: Path
@@ -121,6 +125,7 @@ class MeasureOptions(Displayable):
     rest: RestSettings = DEFAULT_REST
     chain: str = ""
     recording: Path | None = None
+    camera: str | None = None
 
     def check(self) -> None:
         """Refuse options that contradict each other.
@@ -143,6 +148,22 @@ class MeasureOptions(Displayable):
         if not placed and self.sequence is not None:
             raise InputError("--sequence without --placement", "both")
         checked_label(self.repeat, "--repeat")
+        if self.camera is not None:
+            name, _, source = self.camera.partition("=")
+            if not (PORTABLE_NAME.fullmatch(name) and source):
+                expected = "NAME=NUMBER, such as wrist=0; the name is that of a folder"
+                raise InputError(repr(self.camera), expected, where="--camera")
+            if not self.free or self.continuous is not None or self.recording is not None:
+                expected = "--free and --device: the camera takes a picture at each rest"
+                raise InputError("--camera", expected)
+
+    @property
+    def seen(self) -> tuple[str, Path] | None:
+        """Where pictures come from, and the folder of their samples; None without a camera."""
+        if self.camera is None:
+            return None
+        name, _, source = self.camera.partition("=")
+        return source, self.job.parent / name
 
 
 @dataclass(frozen=True)
@@ -236,13 +257,20 @@ def measure(
                 file=spec.path,
                 where="extra_columns",
             )
+        see = nothing_seen
+        if options.seen is not None:
+            source, folder = options.seen
+            see = stack.enter_context(closing(RestPictures(source, folder / FOLDER)))
+            columns = (*columns, IMAGE)
         # What is felt in motion is more than what is wanted of a rest.
         in_motion = options.continuous is not None
         columns = (*columns, *(time_columns(joints) if in_motion else spec.extra_columns))
         file = SamplesFile(out, joints, columns, plan.key, resume=options.resume)
         listeners: list[Listener] = [ConsoleListener(say, show)]
         listeners += [] if listen is None else [listen]
-        session = _Session(options, plan, surface, spec, file, listeners, quiet=show is not None)
+        session = _Session(
+            *(options, plan, surface, spec, file, listeners, see), quiet=show is not None
+        )
         bus: Bus | RecordedStream
         bus = recording or Bus(spec, reconnect=True, on_event=session.note, port=port)
         return session.run(stack.enter_context(closing(bus)), choose, keyboard)
@@ -273,6 +301,7 @@ class _Session:
         spec: DeviceSpec,
         file: SamplesFile,
         listeners: Sequence[Listener],
+        see: Seen,
         *,
         quiet: bool,
     ) -> None:
@@ -300,7 +329,7 @@ class _Session:
         even = not format_of(spec).has_clock
         extra = ExtraColumns(spec.extra_columns, _kinds_over(spec.extra_columns), file.numbers)
         finder = StopFinder(plan.arm.joints, options.seconds, options.rest, even=even, extra=extra)
-        self._run = Run(plan, file, self._say, self._tell_stations)
+        self._run = Run(plan, file, self._say, self._tell_stations, see)
         self._finder = finder
         self._tell(Opened(plan, options.seconds))
         self._tell_stations()
@@ -486,6 +515,8 @@ def _plan(
     if options.free:
         chain = options.chain, ""
         out = options.job.parent / f"free_{options.repeat}.csv"
+        if options.seen is not None:
+            out = options.seen[1] / "samples.csv"
         resting = options.continuous is None
         kinds = [kind.kind for kind in _kinds_over(columns) if resting]
         if kinds and any(row.kind in kinds for row in read_outline(options.job).rows):

@@ -17,6 +17,7 @@ from typing import Final
 import numpy as np
 
 from suta_calib.acquisition.averaging import Average
+from suta_calib.acquisition.pictures import Seen, nothing_seen
 from suta_calib.acquisition.rest import DEFAULT_REST
 from suta_calib.acquisition.seating_check import SeatingCheck
 from suta_calib.acquisition.session_events import Stations, StationState, StationStatus
@@ -37,7 +38,7 @@ TWISTS: Final = {"ccw": "counter-clockwise", "cw": "clockwise"}
 class Run:
     """The stations of a plan, and which of them have been measured.
 
-    Whenever that changes, ``changed`` is called.
+    Whenever that changes, ``changed`` is called. ``see`` gives labels of what a camera sees there.
 
     Attributes:
         index: number of the station that is next.
@@ -52,8 +53,10 @@ class Run:
         file: SamplesFile,
         say: Say,
         changed: Callable[[], None] = lambda: None,
+        see: Seen = nothing_seen,
     ) -> None:
         self.plan, self.file, self.say, self._changed = plan, file, say, changed
+        self._see = see
         self.seating = None if plan.artefact is None else SeatingCheck(plan.arm, plan.artefact)
         self.skipped: list[str] = []
         self.notes: dict[str, str] = {}
@@ -118,7 +121,7 @@ class Run:
     def confirm(self, average: Average, note: str = "", *, described: bool = True) -> None:
         """Write the sample of the next station, say so (and describe it), go on; as `put`."""
         station = self.station
-        labels = {**station.labels, **average.cells}
+        labels = {**station.labels, **average.cells, **self._see()}
         row = self.file.put(labels, average.angles, self._rows.get(self.index))
         doubts = self._doubts(average)
         self._rows[self.index], self.last = row, average.angles

@@ -98,6 +98,11 @@ class PlaceCommand(click.Command):
     "Stop if nothing happens for S seconds; default: 60 with --yes, else never.",
     FiniteRange(min=1),
 )
+@option(
+    "--camera NAME=SOURCE",
+    "With --free: take a picture at each rest, with the camera of this number (0, 1, ...) or URL. "
+    "Samples and pictures go to the folder NAME beside the job.",
+)
 @option("--raw", "File for all readings, as Parquet.", PATH)
 @urdf_option("URDF for the distances that are shown; default: the job's.")
 @option("--drift-deg", "Largest drift of an arm at rest, in a quarter of a second.", POSITIVE, 0.02)
