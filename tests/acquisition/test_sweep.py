@@ -19,6 +19,7 @@ from hand_sweeps import (
     suta,
 )
 from spread import is_as_predicted
+from studies import first_of
 
 from suta_calib.acquisition.continuous import Continuous
 from suta_calib.acquisition.run import SamplesFile
@@ -83,7 +84,7 @@ def test_a_stroke_ends_where_the_motion_turns_back() -> None:
 
 
 # ── Lift-off and slip ──────────────────────────────────────────────────────────────────────────
-@pytest.mark.parametrize("seed", [1, 3, 4])
+@pytest.mark.parametrize("seed", first_of([1, 3, 4]))
 @pytest.mark.parametrize("kind", ["fixed_point", "plane"])
 def test_nothing_is_found_in_a_sound_sweep(seed: int, kind: str) -> None:
     seed = {1: 1, 3: 5, 4: 6}[seed] if kind == "plane" else seed

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from certified_artefact import NOISE, Change, certified, moved, truth
+from studies import first_of
 
 from data.artefact.probed_artefact import csv_text, exact_rows
 from suta_calib.arrays import FloatArray
@@ -44,7 +45,7 @@ def told(found: Certification) -> list[str]:
     return [note for note in found.assessment.notes if note.startswith("All landmarks")]
 
 
-@pytest.mark.parametrize("seed", range(2))
+@pytest.mark.parametrize("seed", first_of(range(2)))
 @pytest.mark.parametrize(("size", "word"), [(3e-3, "higher"), (-3e-3, "lower")])
 def test_a_ball_s_radius_that_is_taken_off_on_one_plane_alone(
     tmp_path: Path, size: float, word: str, seed: int

@@ -24,6 +24,7 @@ from suta_calib.model.parameters import OFFSET, POSITION
 from suta_calib.model.urdf_tree import read_tree
 from suta_calib.terms import KINDS
 from suta_calib.units import deg, from_deg, from_mm, mm
+from tests.support.studies import first_of
 from tests.support.torso_robot import torso_robot_urdf
 
 pytestmark = pytest.mark.usefixtures("undrawn")
@@ -170,7 +171,7 @@ def calibrated(desk: DeskArm) -> tuple[float, float, float]:
     return mm(errors[0]), mm(errors[1]), max(deviations.values())
 
 
-@pytest.mark.parametrize("seed", [1, 2, 6])
+@pytest.mark.parametrize("seed", first_of([1, 2, 6]))
 def test_it_calibrates_a_hobby_arm_with_a_printed_sheet(seed: int, tmp_path: Path) -> None:
     drawn, error, worst = calibrated(DeskArm.made(tmp_path / "desk", seed))
     assert drawn > 1.9

@@ -20,6 +20,7 @@ from hand_eye_scenes import (
     slides,
 )
 from scipy.spatial.transform import Rotation
+from studies import first_of
 
 from suta_calib.arrays import FloatArray
 from suta_calib.errors import SamplesError
@@ -64,7 +65,7 @@ def test_a_hand_that_did_not_move_is_refused() -> None:
         calibrate_hand_eye(still, still)
 
 
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", first_of(range(3)))
 def test_nearly_parallel_axes_are_refused_or_honestly_uncertain(seed: int) -> None:
     """Axes some degrees apart: what is answered lies within what is claimed."""
     side = np.array([2.0, 1.0, 2.0]) / 3.0
