@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from simulated import arm_named, readings_for
-from studies import first_of
+from studies import first_of, of_size
 from visits import DOWN, POINT, visits
 
 from suta_calib.analysis.repeatability import (
@@ -292,9 +292,10 @@ def test_no_scatter_that_no_point_makes_is_an_answer() -> None:
     ).assessment.usable
 
 
+@pytest.mark.parametrize("seeds", of_size(10, 40))
 @pytest.mark.parametrize("n", [8, 15, 30, 120])
-def test_sound_visits_are_left_alone(n: int) -> None:
-    for seed in range(40 if n < 100 else 12):
+def test_sound_visits_are_left_alone(n: int, seeds: int) -> None:
+    for seed in range(seeds if n < 100 else seeds // 3):
         found = run(visits(n, 3e-4, seed, tilt=5e-3))
         assert [found.misread, *found.stuck] == [None]
         assert found.copies == 0

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from studies import of_size
 
 from suta_calib.analysis.repeatability import (
     JointNoise,
@@ -102,9 +103,10 @@ def correlated(seed: int, n: int = 4000, rho: float = 0.95) -> FloatArray:
     return 1e-5 * values
 
 
+@pytest.mark.parametrize("seeds", of_size(60, 150))
 @pytest.mark.parametrize("noise", [white, correlated], ids=["white", "correlated"])
-def test_the_interval_of_the_drift_holds_no_drift_as_often_as_it_says(noise) -> None:
-    found = [one(noise(seed)) for seed in range(150)]
+def test_the_interval_of_the_drift_holds_no_drift_as_often_as_it_says(noise, seeds: int) -> None:
+    found = [one(noise(seed)) for seed in range(seeds)]
     inside = np.mean([abs(each.drift) <= each.drift_half for each in found])
     assert 0.89 <= inside <= 1.0
     assert sum(each.drifts for each in found) <= 1

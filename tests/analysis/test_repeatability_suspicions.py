@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from simulated import arm_named, readings_for
-from studies import first_of
+from studies import first_of, of_size
 from visits import DOWN, POINT, visits
 
 from suta_calib.analysis.repeatability import Repeatability, repeatability
@@ -75,18 +75,20 @@ def test_rows_that_are_all_one_visit_are_refused() -> None:
         run(np.repeat(visits(1, 0.0).q, 30, axis=0))
 
 
+@pytest.mark.parametrize("seeds", of_size(6, 20))
 @pytest.mark.parametrize("bits", [12, 14, 17, 22])
-def test_encoders_are_given_no_copies(bits: int) -> None:
+def test_encoders_are_given_no_copies(bits: int, seeds: int) -> None:
     """Where all are coarse, an arm reads the same when it comes back."""
     step = 2 * np.pi / 2**bits
-    readings = [step * np.round(visits(60, 1e-4, seed).q / step) for seed in range(20)]
+    readings = [step * np.round(visits(60, 1e-4, seed).q / step) for seed in range(seeds)]
     assert all(first_written(q, ["rad"] * 6).all() for q in readings)
     assert run(readings[0]).copies == 0
 
 
-def test_an_exact_robot_in_several_postures_is_given_no_copies() -> None:
+@pytest.mark.parametrize("seeds", of_size(12, 40))
+def test_an_exact_robot_in_several_postures_is_given_no_copies(seeds: int) -> None:
     for n in (8, 15, 30, 120):
-        for seed in range(40):
+        for seed in range(seeds):
             random = np.random.default_rng(seed)
             posture = np.repeat(random.uniform(-2.0, 2.0, (5, 6)), -(-n // 5), axis=0)[:n]
             q = posture + 1e-5 * random.standard_normal((n, 6))
@@ -261,8 +263,9 @@ def locked(arm: ArmModel, joint: int, n: int, seed: int, by: float, size: FloatA
 
 @pytest.mark.parametrize("name", ["suta", "ur5"])
 @pytest.mark.parametrize("n", [8, 15, 30, 120])
-def test_a_joint_that_was_locked_is_left_alone(name: str, n: int) -> None:
+@pytest.mark.parametrize("seeds", of_size(4, 12))
+def test_a_joint_that_was_locked_is_left_alone(name: str, n: int, seeds: int) -> None:
     arm = arm_named(name)
-    for seed in range(12 if n < 100 else 4):
+    for seed in range(seeds if n < 100 else min(seeds, 4)):
         for by, size in ((0.01, np.full(3, 3e-4)), (0.1, np.array([3e-4, 6e-5, 3e-5]))):
             assert not visited_by(arm, locked(arm, seed % 5, n, seed, by, size)).stuck

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from simulated import arm_named, random_readings
+from studies import of_size
 
 from suta_calib.analysis.repeatability import RepeatedTouches, joints_rms, repeated_touches
 from suta_calib.errors import SamplesError
@@ -28,9 +29,10 @@ def touched(repeats: int = 3, points: int = 40, seed: int = 0, readings: int = 1
     return Samples.from_arrays(ARM.joints, q, labels=labels).take(rows)
 
 
-def test_intervals_hold_the_scatter_that_was_put_in() -> None:
+@pytest.mark.parametrize("seeds", of_size(40, 100))
+def test_intervals_hold_the_scatter_that_was_put_in(seeds: int) -> None:
     held = np.zeros(6)
-    for seed in range(100):
+    for seed in range(seeds):
         found = repeated_touches(ARM, touched(seed=seed))
         assert (found.touches, len(found.points)) == (120, 40)
         for k, each in enumerate(found.joints):

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from certified_artefact import NOISE, Change, certified, moved, truth
-from studies import first_of
+from studies import first_of, of_size
 
 from data.artefact.probed_artefact import csv_text, exact_rows
 from suta_calib.arrays import FloatArray
@@ -87,21 +87,22 @@ def test_a_tilt_between_ground_and_pillars(tmp_path: Path) -> None:
         np.testing.assert_allclose(found.over_ground.tilt, [0.0, -1e-3], atol=2e-4)
 
 
+@pytest.mark.parametrize("seeds", of_size(6, SOUND))
 @pytest.mark.parametrize(
     "scatter",
     [0.0, MADE, np.array([5e-6, 5e-6, 5e-5]), np.array([5e-5, 5e-5, 1e-6])],
     ids=["exact", "made", "heights worse", "heights better"],
 )
-def test_sound_sets_say_nothing(tmp_path: Path, scatter: FloatArray | float) -> None:
+def test_sound_sets_say_nothing(tmp_path: Path, scatter: FloatArray | float, seeds: int) -> None:
     found = [
         certified(tmp_path, options=CertificationOptions(drawing=made(seed, scatter)), seed=seed)
-        for seed in range(SOUND)
+        for seed in range(seeds)
     ]
     # Six heights say little of how badly heights alone are made: at most 2 % then.
     assert sum(bool(told(each)) for each in found) <= (2 if np.ndim(scatter) else 0)
 
 
-@pytest.mark.parametrize("sets", [75, pytest.param(150, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("sets", of_size(35, 150))
 def test_height_and_tilt_are_as_sure_as_they_are_said_to_be(
     tmp_path: Path, repository: Path, sets: int
 ) -> None:
@@ -125,10 +126,11 @@ def test_height_and_tilt_are_as_sure_as_they_are_said_to_be(
     assert said == 0
 
 
-def test_an_artefact_against_its_own_certificate(tmp_path: Path) -> None:
+@pytest.mark.parametrize("seeds", of_size(6, 15))
+def test_an_artefact_against_its_own_certificate(tmp_path: Path, seeds: int) -> None:
     """Its drawing was measured over a ground that was touched as badly."""
     said = 0
-    for seed in range(15):
+    for seed in range(seeds):
         earlier = certified(tmp_path, seed=seed).artefact()
         options = CertificationOptions(drawing=earlier)
         said += len(told(certified(tmp_path, options=options, seed=1000 + seed)))

@@ -30,6 +30,7 @@ from suta_calib.solver.solve import solve
 from tests.support.cli_job import answer, cli
 from tests.support.palletizer import palletizer, palletizer_urdf
 from tests.support.simulated import SUTA_URDF
+from tests.support.studies import of_size
 
 # Where the base of robot b stands in that of robot a.
 STANDS = rotation_from_vector([0.1, -0.2, 2.5]), np.array([0.7, 0.1, 0.05])
@@ -81,12 +82,13 @@ def test_two_robots_that_touch_tell_where_they_stand():
     np.testing.assert_allclose(turn, STANDS[0], atol=2e-3)
 
 
-def test_the_stated_error_of_a_base_is_the_true_one():
+@pytest.mark.parametrize("seeds", of_size(5, 12))
+def test_the_stated_error_of_a_base_is_the_true_one(seeds: int):
     """Monte-Carlo: errors over ± scatter by one."""
     _, arm = cell(given=True)
     _, unknown = cell()
     scatter = []
-    for seed in range(12):
+    for seed in range(seeds):
         q = touches(50, np.random.default_rng(seed), {}, 2e-4)
         term = Contact.from_arrays(unknown, q, noise=Noise(2e-4, fixed=True))
         found = with_bases_found([term], unknown.select(*BASE))

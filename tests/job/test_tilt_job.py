@@ -32,6 +32,7 @@ from tests.support.column_robot import (
     tracked,
     written,
 )
+from tests.support.studies import of_size
 
 NOISE = 2e-4
 
@@ -211,8 +212,9 @@ sets:
 """
 
 
+@pytest.mark.parametrize("seeds", of_size(3, 8))
 @pytest.mark.parametrize("felt_noise", [2e-5, 1e-4])
-def test_shares_and_turns_are_as_sure_as_they_say(felt_noise: float) -> None:
+def test_shares_and_turns_are_as_sure_as_they_say(felt_noise: float, seeds: int) -> None:
     """Over eight robots, with sensors that are averaged at rest, or read once.
 
     Forty robots whose sensors are read once: shares are off by 0.99 and 1.03 of their ±, of which
@@ -224,7 +226,7 @@ def test_shares_and_turns_are_as_sure_as_they_say(felt_noise: float) -> None:
         "tilt[column].turn": float(MOUNTS["column"][2]),
     }
     off, biases = [], []
-    for seed in range(8):
+    for seed in range(seeds):
         rng = np.random.default_rng(seed)
         data = measured(rng, 100, built(rng), felt_noise=felt_noise)
         arm = column_robot()

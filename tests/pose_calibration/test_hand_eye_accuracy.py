@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from hand_eye_scenes import NATURES, WHOSE, calibrate, errors, noisy, rows_of
 from spread import is_as_predicted
+from studies import of_size
 
 from suta_calib.arrays import FloatArray
 from suta_calib.errors import SamplesError
@@ -111,10 +112,11 @@ def test_few_poses_are_said_to_be_few() -> None:
     assert any("X is known to" in note for note in assessment.notes)
 
 
-def test_few_pairs_with_exact_turns_are_as_sure_as_they_scatter() -> None:
+@pytest.mark.parametrize("seeds", of_size(5, 8))
+def test_few_pairs_with_exact_turns_are_as_sure_as_they_scatter(seeds: int) -> None:
     """Turns are weighed by no less than a tenth of a degree, and scatter by what they scatter."""
     found, predicted = [], []
-    for seed in range(8):
+    for seed in range(seeds):
         s = HandEye.simulate(25, hand=PoseNoise(0.0, 0.0), eye=PoseNoise(0.5e-3, 0.0), seed=seed)
         seen = s.seen
         result = calibrate_hand_eye(s.poses, seen)
@@ -125,11 +127,12 @@ def test_few_pairs_with_exact_turns_are_as_sure_as_they_scatter() -> None:
     assert is_as_predicted(ratio, np.size(found))
 
 
+@pytest.mark.parametrize("seeds", of_size(4, 10))
 @pytest.mark.parametrize("count", [3, 4, 6])
-def test_a_handful_of_pairs_is_never_called_sure(count: int) -> None:
+def test_a_handful_of_pairs_is_never_called_sure(count: int, seeds: int) -> None:
     """Three pairs can be fitted exactly in position, which says nothing of how sure they are."""
     ratios = []
-    for seed in range(10):
+    for seed in range(seeds):
         s = HandEye.simulate(count, hand=EXACT, eye=PoseNoise(0.3e-3, np.radians(0.1)), seed=seed)
         try:
             found = calibrate_hand_eye(s.poses, s.seen)

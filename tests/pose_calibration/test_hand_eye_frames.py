@@ -13,6 +13,7 @@ from camera_scenes import pictures, solved
 from hand_eye_scenes import calibrate, errors, simulate, slides
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
+from studies import of_size
 
 from suta_calib.arrays import FloatArray
 from suta_calib.errors import SamplesError
@@ -260,10 +261,11 @@ def test_with_fixed_intrinsics_nothing_of_x_is_held_in_silence() -> None:
     assert not len(found.solution.identification.fixed)
 
 
+@pytest.mark.parametrize("seeds", of_size(3, 6))
 @pytest.mark.parametrize("distance", [0.3, 0.8])
-def test_one_distance_is_no_error_that_grows_with_it(distance: float) -> None:
+def test_one_distance_is_no_error_that_grows_with_it(distance: float, seeds: int) -> None:
     """Depths that change by their noise alone are no depths to regress residuals on."""
-    for seed in range(6):
+    for seed in range(seeds):
         random = np.random.default_rng(seed)
         X, Z = ((Rotation.random(random_state=random), random.uniform(-0.1, 0.1, 3)) for _ in "XZ")
         axes = random.standard_normal((25, 3))

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 from hand_eye_scenes import bent_hand, noisy, simulate
+from studies import of_size
 
 from suta_calib.geometry.numbers import rotation_from_vector, vector_from_rotation
 from suta_calib.pose_calibration.hand_eye import HandEyeCalibration, calibrate_hand_eye
@@ -108,9 +109,10 @@ def test_a_change_early_or_late_leaves_a_run_of_rows_that_disagree(since: int) -
     assert "all before row" in moved.sentence
 
 
+@pytest.mark.parametrize("seeds", of_size(2, 5))
 @pytest.mark.parametrize("count", [8, 12, 40, 120])
-def test_noise_moves_nothing(count: int) -> None:
-    for seed in range(5):
+def test_noise_moves_nothing(count: int, seeds: int) -> None:
+    for seed in range(seeds):
         data = noisy(count, seed=seed)
         assert calibrate_hand_eye(data.poses, data.seen).moved is None
 
@@ -130,8 +132,9 @@ def bent(count: int, seed: int) -> HandEyeCalibration:
     )
 
 
-def test_a_hand_that_is_bent_is_not_called_moved() -> None:
-    assert not any(bent(15, seed).moved for seed in range(6))
+@pytest.mark.parametrize("seeds", of_size(3, 6))
+def test_a_hand_that_is_bent_is_not_called_moved(seeds: int) -> None:
+    assert not any(bent(15, seed).moved for seed in range(seeds))
 
 
 @pytest.mark.slow
@@ -269,6 +272,7 @@ def test_a_run_that_disagrees_is_one_with_a_stray_row_beside_it() -> None:
     assert any("41 of 120 poses do not agree with the others" in note for note in notes)
 
 
+@pytest.mark.parametrize("seeds", of_size(7, 20))
 @pytest.mark.parametrize("count", [8, 12, 30])
-def test_points_of_a_body_that_rests_move_nothing(count: int) -> None:
-    assert not any(registered(count, seed, 0.0).moved for seed in range(20))
+def test_points_of_a_body_that_rests_move_nothing(count: int, seeds: int) -> None:
+    assert not any(registered(count, seed, 0.0).moved for seed in range(seeds))

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from hand_eye_scenes import NATURES, NOISE, SKEW_AXIS, slides
 from spread import is_as_predicted
+from studies import of_size
 
 from suta_calib.arrays import FloatArray
 from suta_calib.errors import SamplesError
@@ -246,12 +247,15 @@ def test_a_post_whose_poses_all_slipped_is_named() -> None:
 
 
 # ── Outliers ─────────────────────────────────────────────────────────────────────────────────
+@pytest.mark.parametrize("seeds", of_size(2, 6))
 @pytest.mark.parametrize("posts", [POSTS[:1], POSTS], ids=["one post", "three posts"])
 @pytest.mark.parametrize("nature", NATURES)
-def test_outliers_are_listed_and_cost_next_to_nothing(nature: Any, posts: FloatArray) -> None:
+def test_outliers_are_listed_and_cost_next_to_nothing(
+    nature: Any, posts: FloatArray, seeds: int
+) -> None:
     """30 % of 60 poses: the error is that of the others alone."""
     robust, alone, more = [], [], []
-    for seed in range(6):
+    for seed in range(seeds):
         data = simulate(
             60 // len(posts), spread=NOISE, seed=seed, posts=posts, gross=OutlierModel(0.3, nature)
         )
@@ -269,8 +273,11 @@ def test_outliers_are_listed_and_cost_next_to_nothing(nature: Any, posts: FloatA
 
 
 # ── Accuracy ─────────────────────────────────────────────────────────────────────────────────
+@pytest.mark.parametrize("seeds", of_size(6, 15))
 @pytest.mark.parametrize("share", [0.0, 0.3])
-def test_200_poses_of_a_good_tracker_tell_the_tip_to_a_sixth_of_a_millimetre(share: float) -> None:
+def test_200_poses_of_a_good_tracker_tell_the_tip_to_a_sixth_of_a_millimetre(
+    share: float, seeds: int
+) -> None:
     """0.3 mm and 0.1° per axis, turns up to 45°, a tip 152 mm away.
 
     Least squares over the inliers alone, which nobody knows, err by 0.13 mm RMS without outliers
@@ -279,7 +286,7 @@ def test_200_poses_of_a_good_tracker_tell_the_tip_to_a_sixth_of_a_millimetre(sha
     errors = [
         tip_error(calibrate(data), data)
         for data in (
-            simulate(200, spread=NOISE, seed=s, gross=OutlierModel(share)) for s in range(15)
+            simulate(200, spread=NOISE, seed=s, gross=OutlierModel(share)) for s in range(seeds)
         )
     ]
     assert np.median(errors) < (0.15e-3 if share == 0.0 else 0.18e-3)
@@ -372,6 +379,7 @@ def test_an_answer_says_that_no_residual_shows_the_scale() -> None:
     assert "an error of 1 % makes the tip" in " ".join(longer.assessment.notes)
 
 
+@pytest.mark.parametrize("seeds", of_size(5, 15))
 @pytest.mark.parametrize("count", [8, 30, 120])
-def test_a_rigid_tool_does_not_bend(count: int) -> None:
-    assert not any(tilted(count, seed, 0.0).bent for seed in range(15))
+def test_a_rigid_tool_does_not_bend(count: int, seeds: int) -> None:
+    assert not any(tilted(count, seed, 0.0).bent for seed in range(seeds))

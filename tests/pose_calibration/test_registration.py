@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from registration_scenes import NATURES, NOISE, Points, at_points, error_of, simulate
 from spread import is_as_predicted
-from studies import first_of
+from studies import first_of, of_size
 
 from suta_calib.arrays import FloatArray
 from suta_calib.geometry.numbers import rotation_from_vector
@@ -61,11 +61,12 @@ def test_least_squares_is_arun_s_closed_form() -> None:
 
 
 # ── Outliers ─────────────────────────────────────────────────────────────────────────────────
+@pytest.mark.parametrize("seeds", of_size(3, 8))
 @pytest.mark.parametrize("nature", NATURES)
-def test_outliers_are_listed_and_cost_next_to_nothing(nature: Any) -> None:
+def test_outliers_are_listed_and_cost_next_to_nothing(nature: Any, seeds: int) -> None:
     """30 % of 40 points: the error is that of the others alone."""
     robust, alone = [], []
-    for seed in range(8):
+    for seed in range(seeds):
         data, a, b = simulate(40, spread=NOISE, seed=seed, gross=OutlierModel(0.3, nature))
         found = register(a, b)
         assert found.outliers == data.outliers, seed
@@ -126,11 +127,12 @@ def test_the_monte_carlo_spread_is_the_predicted_one(count: int) -> None:
     assert is_as_predicted(target, 3 * 20)
 
 
+@pytest.mark.parametrize("seeds", of_size(20, 50))
 @pytest.mark.parametrize("count", [4, 5, 6])
-def test_few_points_err_by_what_each_answer_states(count: int) -> None:
+def test_few_points_err_by_what_each_answer_states(count: int, seeds: int) -> None:
     """Of each set by its own ±, which the scatter of few makes too small as often as too large."""
     squares = []
-    for seed in range(50):
+    for seed in range(seeds):
         random = np.random.default_rng([seed, count])
         a = random.uniform(-0.1, 0.1, (count, 3))
         found = register(a, a + NOISE.position * random.standard_normal(a.shape))

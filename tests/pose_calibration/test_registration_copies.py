@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from registration_scenes import NOISE, at_points, simulate
-from studies import first_of
+from studies import first_of, of_size
 
 from suta_calib.arrays import FloatArray
 from suta_calib.pose_calibration.registration import register
@@ -86,10 +86,11 @@ def test_copies_with_other_digits_at_their_end_count_once(seed: int, swapped: bo
     assert len(found.residuals) == len(found.inliers) == 24
 
 
-def test_what_touches_of_one_point_share_does_not_average() -> None:
+@pytest.mark.parametrize("seeds", of_size(15, 40))
+def test_what_touches_of_one_point_share_does_not_average(seeds: int) -> None:
     """The standard deviations are true; were every touch a cluster, half as large."""
     squares = list[float]()
-    for seed in range(40):
+    for seed in range(seeds):
         a, b = touched(8, 4, 3e-4, 1e-4, seed)
         found = register(a, b)
         assert found.repeats.note == ""
@@ -99,8 +100,9 @@ def test_what_touches_of_one_point_share_does_not_average() -> None:
     assert 0.6 < np.mean(squares) < 1.5
 
 
-def test_touches_that_err_each_for_itself_all_count() -> None:
-    told = [register(*touched(8, 4, 0.0, 3e-4, seed)).repeats for seed in range(40)]
+@pytest.mark.parametrize("seeds", of_size(15, 40))
+def test_touches_that_err_each_for_itself_all_count(seeds: int) -> None:
+    told = [register(*touched(8, 4, 0.0, 3e-4, seed)).repeats for seed in range(seeds)]
     assert sum(again is not None for again in told) <= 4
 
 

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from stereotactic_scenes import distance, spoilt
-from studies import first_of
+from studies import first_of, of_size
 
 from suta_calib.arrays import FloatArray
 from suta_calib.geometry.numbers import rms_length
@@ -84,10 +84,11 @@ def test_through_files_only_their_two_decimals_are_lost(tmp_path: Path) -> None:
     assert distance(output1.expected, made.truth.expected) < 0.01
 
 
-def test_posts_scatter_as_their_standard_deviations_say() -> None:
+@pytest.mark.parametrize("seeds", of_size(10, 24))
+def test_posts_scatter_as_their_standard_deviations_say(seeds: int) -> None:
     """EM noise, simulated again and again; correlated by the probe's first frame, hence roughly."""
     ratios = []
-    for seed in range(24):
+    for seed in range(seeds):
         made = simulate_stereotactic(seed=seed, grid=2, em_noise=0.3e-3)
         pivot = solve(made.data).em_pivot
         ratios.append((pivot.post - made.truth.em_post) / pivot.post_std())
@@ -251,21 +252,23 @@ CONTRADICTED = {
 }
 
 
+@pytest.mark.parametrize("seeds", of_size(1, 2))
 @pytest.mark.parametrize("distortion", [0.0, 2e-3])
 @pytest.mark.parametrize("which", CONTRADICTED)
-def test_what_contradicts_all_others_is_told(which: str, distortion: float) -> None:
+def test_what_contradicts_all_others_is_told(which: str, distortion: float, seeds: int) -> None:
     """Of plain least squares, which believes it: before, most such sets were called good."""
     spoil, told = CONTRADICTED[which]
-    for seed in range(2):
+    for seed in range(seeds):
         assessment = solve(spoil(small_set(seed, distortion)), dewarp=True).assessment
         assert assessment.level == "care"
         assert any(re.search(told, note) for note in assessment.notes), assessment.notes
 
 
-def test_fiducials_are_held_against_what_the_probe_reads() -> None:
+@pytest.mark.parametrize("seeds", of_size(3, 6))
+def test_fiducials_are_held_against_what_the_probe_reads(seeds: int) -> None:
     """Six fiducials hardly tell which of them is wrong; how finely they were read does that."""
     off, stated = [], []
-    for seed in range(6):
+    for seed in range(seeds):
         made = simulate_stereotactic(seed=seed, em_noise=2e-4, grid=2)
         clean = solve(made.data)
         assert clean.assessment.level == "good", clean.assessment.notes

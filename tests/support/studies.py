@@ -13,3 +13,8 @@ def first_of(values: Iterable[Any], count: int = 1) -> list[Any]:
     quick, slow = [*values][:count], [*values][count:]
     later = (value if isinstance(value, tuple) else (value,) for value in slow)
     return [*quick, *(pytest.param(*value, marks=pytest.mark.slow) for value in later)]
+
+
+def of_size(quick: int, large: int) -> list[Any]:
+    """For `pytest.mark.parametrize`: a study with every change, and a larger one that is slow."""
+    return [quick, pytest.param(large, marks=pytest.mark.slow)]

@@ -11,7 +11,7 @@ import pytest
 from cli_job import cli
 from scipy.spatial.transform import Rotation
 from simulated import SUTA_URDF, arm_named
-from studies import first_of
+from studies import first_of, of_size
 from tracking_scene import with_play
 
 from suta_calib.arrays import FloatArray
@@ -70,12 +70,13 @@ def test_latency_is_found(latency: float):
     assert not found.at_the_end
 
 
-def test_uncertainty_of_latency_is_its_scatter():
+@pytest.mark.parametrize("seeds", of_size(12, 24))
+def test_uncertainty_of_latency_is_its_scatter(seeds: int):
     """Errors that vary slowly, as an arm's do: independent rows would promise far too much."""
     recorded, reference = motions(play=0 * PLAY)
     rng, time = np.random.default_rng(3), recorded.time
     deviations, promised = [], []
-    for _ in range(24):
+    for _ in range(seeds):
         waves = rng.standard_normal((3, 6))
         phase = rng.uniform(0, 2 * math.pi, 6)
         frequency = rng.uniform(0.5, 2.0, 6)
