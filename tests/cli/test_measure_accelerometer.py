@@ -75,6 +75,17 @@ def measured(folder: Path, rests: int, *more: object) -> list[str]:
     return [str(word) for word in (*command, "--rests", rests, "--seconds", 0.4, *more)]
 
 
+def recorded(folder: Path, given: Emulation, seconds: float, rests: int) -> list[str]:
+    """The command over a recording of what an arm sends."""
+    readings, _ = decoded(given, seconds)
+    rows = [[r.time, *r.angles, *r.extra] for r in readings]
+    header = ",".join(["time", *given.device.names, *ACCELERATIONS])
+    recording = folder / "recording.csv"
+    np.savetxt(recording, rows, "%.9g", ",", header=header, comments="")
+    command = ["measure", folder / "calibration.yaml", "--recording", recording, "--free"]
+    return [str(word) for word in (*command, "--rests", rests, "--seconds", 0.4)]
+
+
 def off(folder: Path) -> dict[str, float]:
     """How far each offset of the calibrated arm is from the truth, deg."""
     found = answer("calibrate", folder / "calibration.yaml", "--out", folder / "results")
@@ -86,20 +97,14 @@ def off(folder: Path) -> dict[str, float]:
 def test_what_was_recorded_becomes_samples_that_show_the_zeros_of_the_joints(folder: Path) -> None:
     """Twenty-five postures, 2° of offsets, 0.2° of noise: joints 2 to 5 within 0.15°."""
     given = emulation(folder, 25, Timing(0.9, 0.3))
-    readings, _ = decoded(given, 25 * 1.2)
-    rows = [[r.time, *r.angles, *r.extra] for r in readings]
-    header = ",".join(["time", *given.device.names, *ACCELERATIONS])
-    recording = folder / "recording.csv"
-    np.savetxt(recording, rows, "%.9g", ",", header=header, comments="")
-    more = ("--recording", recording, "--free", "--rests", 25, "--seconds", 0.4)
-    assert cli("measure", folder / "calibration.yaml", *map(str, more)) == 0
+    command = recorded(folder, given, 25 * 1.2, 25)
+    assert cli(*command) == 0
     table = read_csv_table(folder / "calibration" / "free_1.csv")
     assert list(table.columns) == [*given.device.names, "repeat", *ACCELERATIONS]
     assert len(table) == 25
     assert max(map(abs, off(folder).values())) < 0.15
     # In motion an accelerometer shows more than gravity: no samples of it.
-    more = ("--recording", recording, "--free", "--continuous", 2)
-    assert cli("measure", folder / "calibration.yaml", *map(str, more)) == 0
+    assert cli(*command[:4], "--free", "--continuous", 2) == 0
     swept = read_csv_table(folder / "free_1.csv")
     assert not {*ACCELERATIONS} & {*swept.columns}
 
@@ -115,8 +120,8 @@ def test_the_same_from_a_port(folder: Path) -> None:
 
 def test_a_bad_cable_costs_no_rest(folder: Path, capsys: Capture) -> None:
     # The cable is pulled out at the second rest. A busy computer may miss others: there are more.
-    timing, rests = Timing(1.5, 0.4), 14
-    given = emulation(folder, rests, timing, "corrupt=0.01,burst=0.1@1,disconnect=0.4@2.4")
+    timing, rests = Timing(1.0, 0.3), 14
+    given = emulation(folder, rests, timing, "corrupt=0.01,burst=0.1@0.7,disconnect=0.4@1.6")
     with EmulatedArm(given, patient=True) as emulator:
         emulator.write_device(folder / "device.yaml")
         raw = folder / "raw.parquet"
@@ -140,7 +145,6 @@ def test_a_bad_cable_costs_no_rest(folder: Path, capsys: Capture) -> None:
 def test_rests_whose_sensor_did_not_rest_are_left_out_and_named(
     folder: Path, capsys: Capture
 ) -> None:
-    # Two rests of each sort, as a busy computer may miss one; the last rest lasts for good.
     timing, rests = Timing(1.0, 0.3), 6
 
     def change(rest: int, values: FloatArray) -> object:
@@ -149,9 +153,7 @@ def test_rests_whose_sensor_did_not_rest_are_left_out_and_named(
         return (values, shaken, shaken, empty, empty, values / 9.81)[rest]
 
     given = spoilt(emulation(folder, rests, timing), timing, change)
-    with EmulatedArm(given, patient=True) as emulator:
-        emulator.write_device(folder / "device.yaml")
-        assert cli(*measured(folder, rests, "--patience", 4)) == 1
+    assert cli(*recorded(folder, given, rests * (timing.rest + timing.move), rests)) == 1
     out = capsys.readouterr().out
     assert "the readings of the accelerometer scattered by" in out
     assert "of the readings of ay are no numbers" in out

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import pytest
 from cli_job import cli
+from studies import of_size
 
-from suta_calib import CalibrationJob
+from suta_calib import CalibrationJob, solve
 from suta_calib.trust.calibration_examination import CalibrationExamination
 
 SCARA = """\
@@ -37,15 +39,17 @@ sets: {{calibration: {SET}, validation: {SET}}}
 """
 
 
-def test_encoders_that_scatter_are_not_called_eccentric(tmp_path: Path) -> None:
+@pytest.mark.parametrize("seeds", of_size(2, 6))
+def test_encoders_that_scatter_are_not_called_eccentric(tmp_path: Path, seeds: int) -> None:
     """One in three such jobs was told of an eccentric encoder, or of a wrong gear ratio."""
     urdf, simulation = tmp_path / "scara.urdf", tmp_path / "simulation.yaml"
     urdf.write_text(SCARA, encoding="utf-8")
     simulation.write_text(SIMULATION, encoding="utf-8")
     out, told = tmp_path / "job", 0
     assert cli("init", urdf, "--tip", "tool", "--kind", "hand_eye", "--out", out) == 0
-    for seed in range(1, 7):
+    for seed in range(1, 1 + seeds):
         assert cli("simulate", simulation, "--out", out, "--seed", seed) == 0
-        solution = CalibrationJob.load(out / "calibration.yaml").run().solution
+        job = CalibrationJob.load(out / "calibration.yaml")
+        solution = solve(job.problem(), job.options())
         told += any(test.suspicious for test in CalibrationExamination.of(solution).score_tests)
-    assert told <= 1
+    assert told <= seeds // 6

@@ -69,7 +69,7 @@ PATTERNS = {name: h for name, h in FAULTS.items() if isinstance(h, Pattern)}
 EXAMINED = {name: h for name, h in FAULTS.items() if name not in REREAD and name not in PATTERNS}
 # What explains data as well: a gain is the travel of an encoder.
 ALIKE = {"encoder travel": "joint error"}
-QUICK = {"sign of a joint", "rows reversed", "moved between", "missed count"}
+QUICK = {"sign of a joint", "rows reversed"}
 WHOLE_ROBOT = Path(__file__).parents[2] / "examples" / "whole_robot" / "robot.urdf"
 ARMS = [*enumerate(ROBOT.chains)]
 

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from ball_clouds import CENTRE, RADIUS, cloud
 from cli_job import Capture
+from studies import of_size
 
 from suta_calib.cli._app import run
 from suta_calib.errors import InputError
@@ -21,9 +22,10 @@ from suta_calib.vision.balls import find_clouds
 BESIDE = np.array([-0.12, 0.05, 0.0])
 
 
-def test_the_spread_of_the_centre_is_true() -> None:
+@pytest.mark.parametrize("seeds", of_size(5, 12))
+def test_the_spread_of_the_centre_is_true(seeds: int) -> None:
     squares = []
-    for seed in range(12):
+    for seed in range(seeds):
         rng = np.random.default_rng(seed)
         centre = CENTRE + rng.uniform(-0.05, 0.05, 3)
         ball = ball_in(cloud((centre, RADIUS), seed=seed).reshape(-1, 3), RADIUS)
@@ -34,10 +36,11 @@ def test_the_spread_of_the_centre_is_true() -> None:
     assert 0.4 < np.mean(squares) < 2.0
 
 
-def test_neighbours_that_err_together_count_as_few() -> None:
+@pytest.mark.parametrize("seeds", of_size(4, 8))
+def test_neighbours_that_err_together_count_as_few(seeds: int) -> None:
     """Smoothed noise: ± stays true, and is larger than what the scatter alone says."""
     rng, squares = np.random.default_rng(0), []
-    for seed in range(8):
+    for seed in range(seeds):
         exact = cloud((CENTRE, RADIUS), noise=0.0)
         waves = np.pad(rng.standard_normal((130, 160)), 2, mode="wrap")
         smooth = sum(waves[i : i + 130, j : j + 160] for i in range(5) for j in range(5)) / 5
