@@ -5,7 +5,6 @@ import os
 import signal
 from collections.abc import Iterator
 from pathlib import Path
-from typing import BinaryIO
 
 import pytest
 from hypothesis import settings
@@ -23,6 +22,8 @@ if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
 # A test process holds a million objects that stay, modules and tests: to look through them for
 # garbage as often as usual takes a fifth of the time in which tests are collected.
 gc.set_threshold(50_000, 10, 10)
+
+from blank_pictures import composed_only, drawn_for_real  # noqa: E402 (it loads NumPy)
 
 # The same examples on every run, and no verdict that depends on how busy the machine is.
 settings.register_profile("suta_calib", derandomize=True, deadline=None, print_blob=True)
@@ -126,46 +127,28 @@ def unhurried() -> Iterator[None]:
         yield
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture(scope="session", autouse=True)
 def undrawn() -> Iterator[None]:
-    """For tests that look at no picture: reports have each figure composed, but not drawn.
+    """Reports have each figure composed, but not drawn.
 
     What is composed is ours; how Matplotlib measures and writes it takes a fourth of the time of
-    the commands, and is looked at in ``tests/report`` and ``tests/plotting``.
+    the commands, and is looked at by tests that ask for `drawn`.
     """
-    from matplotlib.figure import Figure
-
-    from suta_calib.report import svg
-
-    class Composed(Figure):
-        def __init__(self, figsize: tuple[float, float], **_: object) -> None:
-            super().__init__(figsize=figsize)
-
-    class Canvas:
-        def __init__(self, figure: Figure) -> None:
-            self.size = tuple(72 * figure.get_size_inches())
-
-        def print_svg(self, file: BinaryIO, **_: object) -> None:
-            size = 'width="{}pt" height="{}pt"'.format(*self.size)
-            file.write(f'<svg xmlns="http://www.w3.org/2000/svg" {size}/>'.encode())
-
-    with pytest.MonkeyPatch.context() as patched:
-        patched.setattr(svg, "FigureCanvasSVG", Canvas)
-        patched.setattr(svg, "Figure", Composed)
+    with composed_only():
         yield
 
 
 @pytest.fixture
 def drawn() -> Iterator[None]:
-    """For a test that does look, where others of its module do not."""
-    from matplotlib.backends.backend_svg import FigureCanvasSVG
-    from matplotlib.figure import Figure
+    """For a test that looks at a picture."""
+    with drawn_for_real():
+        yield
 
-    from suta_calib.report import svg
 
-    with pytest.MonkeyPatch.context() as patched:
-        patched.setattr(svg, "FigureCanvasSVG", FigureCanvasSVG)
-        patched.setattr(svg, "Figure", Figure)
+@pytest.fixture(scope="module")
+def all_drawn() -> Iterator[None]:
+    """For a module whose tests look at pictures, also those that its fixtures make."""
+    with drawn_for_real():
         yield
 
 

@@ -29,8 +29,6 @@ from suta_calib.registry import shipped
 from suta_calib.terms import ArmPoses, Block, Setup
 from suta_calib.trust import CalibrationExamination, examine, known_hypotheses
 
-pytestmark = pytest.mark.usefixtures("undrawn")
-
 ARM = arm_named("suta")
 UNKNOWN: ParameterSet = ARM.select(Selection("joint_*.offset", bound_rad=0.1))
 TRUTH = {"joint_3.offset": 0.01, "joint_5.offset": -0.02}

@@ -112,7 +112,6 @@ OTHERS = {"docs/guides/extend.md", "docs/tutorials/own_kind.md"}
 PYTHON = sorted({block.page for block in BLOCKS if block.language == "python"} - OTHERS)
 
 
-@pytest.mark.usefixtures("undrawn")
 @pytest.mark.parametrize("page", PYTHON)
 def test_python_runs_and_prints_what_its_comments_say(page: str, folder: Path) -> None:
     names: dict[str, Any] = own_arrays()
@@ -152,7 +151,6 @@ def runs(line: str) -> bool:
 TRIED = [block for block in SHELL if any(map(runs, block.commands))]
 
 
-@pytest.mark.usefixtures("undrawn")
 @pytest.mark.parametrize("block", TRIED, ids=lambda block: f"{block.page} {block.commands[0]}")
 def test_commands_run(block: Block, folder: Path) -> None:
     for name, text in re.findall(r"^cat > (\S+) <<'END'\n(.*?)^END$", block.text, re.M | re.S):

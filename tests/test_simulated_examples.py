@@ -16,8 +16,6 @@ from cli_job import cli
 from suta_calib import CalibrationJob
 from suta_calib.emulation import read_truth
 
-pytestmark = pytest.mark.usefixtures("undrawn")
-
 # Parameters that nothing can tell, so that they stay where they are drawn.
 REDUNDANT = {"two_arms": {"left_6.offset", "right_6.offset"}}
 ARMS = ("so101_printed_sheet", "camera_on_arm", "two_arms", "whole_robot", "phone_on_arm")

@@ -91,7 +91,6 @@ def test_one_worker_two_workers_and_dask_give_the_same_numbers(kind: str, cluste
     assert run_study(plan, dask=cluster) == alone
 
 
-@pytest.mark.usefixtures("undrawn")
 def test_the_command_prints_the_same_json_wherever_it_runs(
     cluster: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

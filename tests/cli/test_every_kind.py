@@ -14,8 +14,6 @@ from simulated import SUTA_URDF
 
 from suta_calib.terms import KINDS, Term
 
-pytestmark = pytest.mark.usefixtures("undrawn")
-
 ARTEFACT = """\
 name: four pillars
 landmarks:

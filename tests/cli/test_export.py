@@ -13,8 +13,6 @@ from cli_job import answer, cli, refused, write_simulated_job
 from suta_calib.exchange import export_formats
 from suta_calib.model.arm import ArmModel
 
-pytestmark = pytest.mark.usefixtures("undrawn")
-
 
 @pytest.fixture(scope="module")
 def calibrated(tmp_path_factory: pytest.TempPathFactory, suta_urdf: Path) -> Path:

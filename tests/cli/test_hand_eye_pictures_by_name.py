@@ -16,8 +16,6 @@ from suta_calib.geometry.numbers import homogeneous
 from suta_calib.measurements import write_board, write_camera
 from suta_calib.measurements.corners import corners_text
 
-pytestmark = pytest.mark.usefixtures("undrawn")
-
 
 @pytest.fixture(scope="module")
 def scene() -> Pictures:

@@ -12,8 +12,6 @@ from cli_job import answer, refused
 from many_eyes import EYES, TARGETS, Scene, pose_errors, scene
 from pose_scenes import PAIR, write_csv
 
-pytestmark = pytest.mark.usefixtures("undrawn")
-
 
 def written(path: Path, data: Scene) -> Path:
     labels = data.eye.tolist(), data.target.tolist()

@@ -20,8 +20,6 @@ from suta_calib.job import AcceptanceJob
 from suta_calib.job.limits import read_judged
 from suta_calib.measurements import CsvTable, YamlSection, read_csv_table, read_yaml
 
-pytestmark = pytest.mark.usefixtures("undrawn")
-
 
 @pytest.fixture
 def folder(tmp_path: Path, repository: Path) -> Path:

@@ -7,8 +7,6 @@ from pathlib import Path
 import pytest
 from cli_job import Capture, answer, cli, made_worse, refused, write_simulated_job
 
-pytestmark = pytest.mark.usefixtures("undrawn")
-
 WHY = "worse than the nominal arm on the validation data"
 BOX = ("--region", "150,600,-300,300,0,400", "--grid", "5")
 

@@ -16,6 +16,9 @@ from outlier_studies import SUTA, description, moved
 from suta_calib.measurements import read_artefact, write_artefact
 from suta_calib.simulation import simulate, write_simulation
 
+# Its picture is read.
+pytestmark = pytest.mark.usefixtures("all_drawn")
+
 METRICS = {"contribution_pct", "cooks_distance", "leave_one_out_pct", "bias_mm"}
 
 

@@ -22,8 +22,6 @@ from suta_calib.analysis.planning import Placement, Posture, TouchPoint, read_ca
 from suta_calib.errors import InputError, JobError
 from suta_calib.geometry.numbers import rotation_from_rpy
 
-pytestmark = pytest.mark.usefixtures("undrawn")
-
 ARM = arm_named("suta")
 GOOD = """\
 repeats: 2

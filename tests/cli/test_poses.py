@@ -27,8 +27,6 @@ from pose_scenes import (
 )
 from scipy.spatial.transform import Rotation
 
-pytestmark = pytest.mark.usefixtures("undrawn")
-
 
 # ── pivot ────────────────────────────────────────────────────────────────────────────────────
 def test_pivot_finds_tip_post_and_outliers(pivot_file: Path) -> None:

@@ -13,8 +13,6 @@ from visits import visits
 
 from suta_calib.measurements import Samples, write_samples
 
-pytestmark = pytest.mark.usefixtures("undrawn")
-
 
 @pytest.fixture
 def arm(suta_urdf: Path) -> tuple[object, ...]:

@@ -18,8 +18,6 @@ from suta_calib.job.calibration import CalibrationJob
 from suta_calib.job.inputs_copy import InputsCopy, packed
 from suta_calib.tracking.read_back import read_calibrated
 
-pytestmark = pytest.mark.usefixtures("undrawn")
-
 
 @pytest.fixture(scope="module")
 def calibrated(tmp_path_factory: pytest.TempPathFactory, suta_urdf: Path) -> Path:

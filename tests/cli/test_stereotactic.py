@@ -17,8 +17,6 @@ from suta_calib.stereotactic.cis_simulation import SimulatedSet, simulate_stereo
 NAME = "sim"
 MADE = simulate_stereotactic(NAME, seed=2, distortion=3e-3, em_noise=0.05e-3, grid=3)
 
-pytestmark = pytest.mark.usefixtures("undrawn")
-
 
 @pytest.fixture
 def prefix(tmp_path: Path) -> Path:

@@ -13,8 +13,6 @@ from cli_job import Capture, answer, cli, refused
 from lxml import etree
 from study_scene import SUTA
 
-pytestmark = pytest.mark.usefixtures("undrawn")
-
 JOB = SUTA / "calibration.yaml"
 FEW = ("--trials", "3", "--jobs", "1")
 

@@ -14,8 +14,6 @@ from two_arms import ROBOT
 from suta_calib.model.arm import ArmModel
 from suta_calib.tracking.uncertainty import read_uncertainty
 
-pytestmark = pytest.mark.usefixtures("undrawn")
-
 ARM = "arm: {urdf: robot.urdf, tip: f3, base: left}\n"
 NOISE = 5e-5
 SIMULATION = """\

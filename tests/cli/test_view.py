@@ -28,8 +28,6 @@ from suta_calib.tracking.viewing import LiveArm
 from suta_calib.view.calibration import view_calibration
 from suta_calib.view.server import EACH_S
 
-pytestmark = pytest.mark.usefixtures("undrawn")
-
 pytest.importorskip("viser")
 
 

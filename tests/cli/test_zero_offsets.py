@@ -12,8 +12,6 @@ from suta_calib.geometry.numbers import rpy_from_rotation, wrap
 from suta_calib.measurements import Samples, write_samples
 from suta_calib.model.arm import ArmModel
 
-pytestmark = pytest.mark.usefixtures("undrawn")
-
 OFFSETS = np.array([0.1, -0.05, 0.2, 0.3, -0.15, 0.4])
 
 

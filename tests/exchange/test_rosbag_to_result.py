@@ -19,8 +19,6 @@ from suta_calib.measurements import write_board
 from suta_calib.model.arm import ArmModel
 from suta_calib.vision import RenderOptions, rendered
 
-pytestmark = pytest.mark.usefixtures("undrawn")
-
 pytest.importorskip("rosbags")
 pytest.importorskip("cv2")
 

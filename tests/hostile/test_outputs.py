@@ -27,8 +27,6 @@ from suta_calib.report.console import rendered
 from suta_calib.report.document import Document
 from suta_calib.report.listing import Table
 
-pytestmark = pytest.mark.usefixtures("undrawn")
-
 # Their answers are as any other's here, and take seconds.
 LONG = ("extend", "outliers", "plan")
 WRITING = [name for name, given in GIVEN.items() if given.out and not given.needs_device]

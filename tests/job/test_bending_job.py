@@ -11,8 +11,6 @@ from cli_job import answer, printed, refused
 from suta_calib import ArmModel
 from suta_calib.tracking.uncertainty import read_uncertainty
 
-pytestmark = pytest.mark.usefixtures("undrawn")
-
 SIMULATION = """
 arm: {urdf: URDF, tip: tip}
 seed: 2

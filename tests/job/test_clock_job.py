@@ -15,8 +15,6 @@ from torso_robot import write_torso_job
 from suta_calib import CalibrationJob, TimeOffset
 from suta_calib.job.schema import read_job
 
-pytestmark = pytest.mark.usefixtures("undrawn")
-
 JOB = """
 arm: {urdf: URDF, tip: tip}
 parameters:

@@ -13,8 +13,6 @@ from suta_calib.job.calibration import CalibrationJob
 from suta_calib.measurements import write_samples
 from suta_calib.model.arm import ArmModel
 
-pytestmark = pytest.mark.usefixtures("undrawn")
-
 NAME = "joint_3.coupling[joint_2]"
 GIVEN = "{joint_3: {joint_2: -1}}"
 

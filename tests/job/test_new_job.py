@@ -27,8 +27,6 @@ from suta_calib.units import deg, from_deg, from_mm, mm
 from tests.support.studies import first_of
 from tests.support.torso_robot import torso_robot_urdf
 
-pytestmark = pytest.mark.usefixtures("undrawn")
-
 FIRST, LAST = "world", "hand"
 
 

@@ -13,8 +13,6 @@ from suta_calib.job.calibration import CalibrationJob
 from suta_calib.measurements import write_samples
 from suta_calib.model.arm import ArmModel
 
-pytestmark = pytest.mark.usefixtures("undrawn")
-
 PROBE = np.array([0.03, -0.02, 0.11])
 
 

@@ -12,8 +12,6 @@ from cli_job import cli
 from suta_calib.measurements import read_board
 from suta_calib.measurements.board import Markers
 
-pytestmark = pytest.mark.usefixtures("undrawn")
-
 # Another seed; the board that is simulated is not the one that is sought.
 MARKERS = SIMULATION.replace("seed: 3", "seed: 1").replace("board.yaml", "true.yaml")
 TRUE = """\

@@ -16,8 +16,6 @@ from suta_calib.errors import UrdfError
 from suta_calib.model.arm import ArmModel
 from suta_calib.model.parameters import COMPLIANCE
 
-pytestmark = pytest.mark.usefixtures("undrawn")
-
 SOUND = """\
 <robot name="r">
   <link name="base"/>

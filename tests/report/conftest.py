@@ -10,6 +10,11 @@ from report_scenes import make_job
 from suta_calib.job.calibration import Calibration
 
 
+@pytest.fixture(scope="module", autouse=True)
+def pictures(all_drawn: None) -> None:
+    """Here reports are looked at."""
+
+
 @pytest.fixture(scope="module")
 def result(tmp_path_factory: pytest.TempPathFactory, suta_urdf: Path) -> Calibration:
     return make_job(tmp_path_factory.mktemp("job"), suta_urdf).run()

@@ -35,8 +35,6 @@ from suta_calib.terms.camera_row import with_corners
 from suta_calib.terms.camera_start import board_poses, closed_form_intrinsics
 from suta_calib.terms.camera_view import CameraView
 
-pytestmark = pytest.mark.usefixtures("undrawn")
-
 BOARD = "type: chessboard\ncorners: [4, 3]\nsquare_mm: 40\n"
 
 

@@ -15,8 +15,6 @@ from suta_calib.job.calibration import CalibrationJob
 from suta_calib.simulation import read_simulation, simulate
 from suta_calib.trust.accuracy import Metrics
 
-pytestmark = pytest.mark.usefixtures("undrawn")
-
 EYE = ((20.0, -30.0, 40.0), (5.0, 10.0, 90.0))
 TARGET = ((500.0, 0.0, 100.0), (0.0, 20.0, 0.0))
 SIMULATION = """

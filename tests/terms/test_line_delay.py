@@ -17,7 +17,6 @@ from suta_calib.solver.compiled_residual import TermErrors, term_residuals
 from suta_calib.solver.problem import Problem
 from suta_calib.terms.line_delay import LineDelay, rolled
 
-pytestmark = pytest.mark.usefixtures("undrawn")
 SIMULATION = """
 arm: {urdf: URDF, tip: hand}
 seed: 1

@@ -26,8 +26,6 @@ from suta_calib.terms import MeasuredPoses, Noise, TouchedPlane
 from suta_calib.terms.given_pose import GivenPose
 from suta_calib.trust.external_poses import external_poses
 
-pytestmark = pytest.mark.usefixtures("undrawn")
-
 SIMULATION = """\
 arm: {urdf: arm.urdf, tip: tip}
 seed: 3

@@ -28,8 +28,6 @@ from suta_calib.solver.solution import Solution
 from suta_calib.solver.solve import solve
 from suta_calib.terms import ArmPoses, Noise, PairwiseDistance, Seating, Term, TouchedLandmark
 
-pytestmark = pytest.mark.usefixtures("undrawn")
-
 SHIFT = (0.2e-3, -0.15e-3)
 TURN = math.radians(1.2)
 SEATING = Seating(0.3e-3, math.radians(2))

@@ -22,8 +22,6 @@ from suta_calib.solver.solve import solve
 from suta_calib.terms import ArmPoses, MeasuredPoses, Noise, TrackedPoint
 from suta_calib.trust.accuracy import block_residuals
 
-pytestmark = pytest.mark.usefixtures("undrawn")
-
 CASE = "tracked_point that states its noise"
 
 

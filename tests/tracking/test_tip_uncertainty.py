@@ -20,8 +20,6 @@ from suta_calib.errors import JobError
 from suta_calib.geometry.numbers import register_points, rotation_from_vector, skew
 from suta_calib.trust.tip import Sensitivity, sensitivity
 
-pytestmark = pytest.mark.usefixtures("undrawn")
-
 ARM = arm_named("suta")
 TRUTH = perturbed(dh_parameters(ARM), 1)
 NAMES = dh_parameters(ARM).names
