@@ -109,7 +109,7 @@ def test_the_interval_of_the_drift_holds_no_drift_as_often_as_it_says(noise, see
     found = [one(noise(seed)) for seed in range(seeds)]
     inside = np.mean([abs(each.drift) <= each.drift_half for each in found])
     assert 0.89 <= inside <= 1.0
-    assert sum(each.drifts for each in found) <= 1
+    assert sum(each.drifts for each in found) <= seeds // 150
 
 
 def test_steps_of_the_encoder_show_where_noise_is_small() -> None:

@@ -38,8 +38,9 @@ def test_intervals_hold_the_scatter_that_was_put_in(seeds: int) -> None:
         for k, each in enumerate(found.joints):
             held[k] += SIGMA[k] in each.std.interval(0.95)
             assert each.peak_to_peak <= each.largest
-    # Of 600, 95 %, within four standard deviations of a binomial; joints are independent.
-    assert abs(held.sum() / 600 - 0.95) < 4 * np.sqrt(0.95 * 0.05 / 600)
+    # Of all, 95 %, within four standard deviations of a binomial; joints are independent.
+    count = seeds * len(held)
+    assert abs(held.sum() / count - 0.95) < 4 * np.sqrt(0.95 * 0.05 / count)
 
 
 def test_peak_to_peak_is_of_a_point_and_says_which() -> None:

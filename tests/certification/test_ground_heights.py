@@ -99,7 +99,7 @@ def test_sound_sets_say_nothing(tmp_path: Path, scatter: FloatArray | float, see
         for seed in range(seeds)
     ]
     # Six heights say little of how badly heights alone are made: at most 2 % then.
-    assert sum(bool(told(each)) for each in found) <= (2 if np.ndim(scatter) else 0)
+    assert sum(bool(told(each)) for each in found) <= (seeds // 15 if np.ndim(scatter) else 0)
 
 
 @pytest.mark.parametrize("sets", of_size(35, 150))

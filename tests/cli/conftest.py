@@ -30,11 +30,11 @@ def point_files(tmp_path: Path) -> tuple[Path, Path]:
     return write_csv(tmp_path / "a.csv", XYZ, a), write_csv(tmp_path / "b.csv", XYZ, b)
 
 
-@pytest.fixture
-def device(tmp_path: Path) -> Iterator[Path]:
-    """The ``device.yaml`` of an arm that swings while the test runs."""
+@pytest.fixture(scope="module")
+def device(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
+    """The ``device.yaml`` of an arm that swings while the tests run."""
     with EmulatedArm(emulated()) as emulator:
-        yield emulator.write_device(tmp_path / "device.yaml")
+        yield emulator.write_device(tmp_path_factory.mktemp("device") / "device.yaml")
 
 
 @pytest.fixture

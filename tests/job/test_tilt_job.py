@@ -212,7 +212,7 @@ sets:
 """
 
 
-@pytest.mark.parametrize("seeds", of_size(3, 8))
+@pytest.mark.parametrize("seeds", of_size(5, 8))
 @pytest.mark.parametrize("felt_noise", [2e-5, 1e-4])
 def test_shares_and_turns_are_as_sure_as_they_say(felt_noise: float, seeds: int) -> None:
     """Over eight robots, with sensors that are averaged at rest, or read once.

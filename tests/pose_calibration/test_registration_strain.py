@@ -124,7 +124,7 @@ def test_one_per_cent_of_six_points_is_named_or_within_the_error_that_is_stated(
         off.append(wrong / found.target_error(target))
     assert np.max(off) < 4.0
     assert np.sqrt(np.mean(np.square(off))) < 1.7
-    assert named >= {1e-4: 12, 3e-4: 7, 5e-4: 0}[sigma]
+    assert named >= {1e-4: 12, 3e-4: 7, 5e-4: 0}[sigma] * seeds // 12
 
 
 @pytest.mark.parametrize("seeds", of_size(12, 30))
