@@ -322,6 +322,7 @@ def files(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
     )
 
 
+@pytest.mark.usefixtures("drawn")
 def test_command_prints_json_and_writes_a_picture(files, tmp_path: Path, capsys):
     out = tmp_path / "out"
     options = ("--urdf", SUTA_URDF, "--tip", "tip", "--register", "--json", "--out", out)
