@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cache
 from itertools import product
 from pathlib import Path
 
@@ -178,18 +179,24 @@ def mapped_back(found: HandEyeCalibration, frames: list[Poses]) -> tuple[FloatAr
     return homogeneous(R, p), lengths(np.sqrt(np.diag(covariance)))
 
 
+@cache
+def as_seen(noise: tuple[float, float, float]) -> tuple[Pairs, HandEyeCalibration]:
+    """Pairs of a tag, and what they tell in the frames in which they are."""
+    pairs = tag(0, *noise)
+    return pairs, calibrate_hand_eye(pairs.hand, pairs.seen)
+
+
 @pytest.mark.parametrize("which", ["base", "hand", "eye", "target", "all"])
 @pytest.mark.parametrize("noise", [(0.8, 1.0, 1.0), (0.4, 0.2, 5.0), (0.8, 2.0, 2.0)])
 def test_frames_that_are_chosen_on_either_side_do_not_count(
     which: str, noise: tuple[float, float, float]
 ) -> None:
-    pairs, random = tag(0, *noise), np.random.default_rng(1)
+    (pairs, found), random = as_seen(noise), np.random.default_rng(1)
     frames = []
     for side, far in (("base", 2.0), ("hand", 0.3), ("eye", 0.2), ("target", 0.3)):
         turn, shift = Rotation.random(random_state=random), far * random.standard_normal(3)
         same = which not in (side, "all")
         frames.append((np.eye(3), np.zeros(3)) if same else (turn.as_matrix(), shift))
-    found = calibrate_hand_eye(pairs.hand, pairs.seen)
     moved = calibrate_hand_eye(*in_other_frames(pairs, frames))
     X, std = mapped_back(moved, frames)
     # What noise two points have in common is estimated: not exactly the same one.

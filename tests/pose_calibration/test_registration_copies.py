@@ -100,10 +100,9 @@ def test_what_touches_of_one_point_share_does_not_average(seeds: int) -> None:
     assert 0.6 < np.mean(squares) < 1.5
 
 
-@pytest.mark.parametrize("seeds", of_size(15, 40))
-def test_touches_that_err_each_for_itself_all_count(seeds: int) -> None:
-    told = [register(*touched(8, 4, 0.0, 3e-4, seed)).repeats for seed in range(seeds)]
-    assert sum(again is not None for again in told) <= seeds // 10
+def test_touches_that_err_each_for_itself_all_count() -> None:
+    told = [register(*touched(8, 4, 0.0, 3e-4, seed)).repeats for seed in range(40)]
+    assert sum(again is not None for again in told) <= 4
 
 
 def test_a_wrong_touch_of_a_point_is_none_of_its_middle() -> None:
