@@ -20,19 +20,27 @@ def _zero(row: MappedJoint) -> str:
     return "kept" if row.std is None else f"{deg(row.change):+.1f} ± {deg(row.std):.1f}"
 
 
+def _counts(row: MappedJoint) -> str:
+    return f"{row.counts[0]:.0f} ± {row.counts[1]:.0f}"
+
+
+def _range(row: MappedJoint) -> str:
+    return f"{deg(row.lowest):.0f} to {deg(row.highest):.0f}"
+
+
 JOINTS: Final = Listing[MappedJoint](
-    "Joints and their motors",
+    "Joints and their motors: zero and counts as the touches show them, angles in the touches",
     Column("joint", "joint"),
-    Column("motor", "motor in device.yaml"),
-    Column("id", "id", lambda row: row.spec.number, optional=True),
+    Column("motor", "motor"),
+    Column("id", None, lambda row: row.spec.number, optional=True),
     Column("sign", "sign", lambda row: row.spec.sign, sign=True, form=".0f"),
     Column("zero", "zero", lambda row: row.spec.zero, form=".0f"),
-    Column("zero_change", "zero moves by, deg", lambda row: row.change, "rad", cell=_zero),
+    Column("zero_change", "moved, deg", lambda row: row.change, "rad", cell=_zero),
     Column("zero_std", None, lambda row: row.std, "rad"),
-    Column("counts_per_turn", "counts per turn", lambda row: row.counts[0], form=".0f"),
-    Column("counts_per_turn_std", "±", lambda row: row.counts[1], form=".0f"),
-    Column("lowest", "from, deg", unit="rad", form=".0f"),
-    Column("highest", "to, deg", unit="rad", form=".0f"),
+    Column("counts_per_turn", "counts", lambda row: row.counts[0], form=".0f", cell=_counts),
+    Column("counts_per_turn_std", None, lambda row: row.counts[1]),
+    Column("lowest", "range, deg", unit="rad", cell=_range),
+    Column("highest", None, unit="rad"),
 )
 
 

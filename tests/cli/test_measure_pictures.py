@@ -66,8 +66,11 @@ def test_each_rest_of_an_arm_has_its_picture(camera: str, tmp_path: Path) -> Non
     job = tmp_path / "calibration.yaml"
     job.write_text("arm: {urdf: arm.urdf, tip: tip}\n")
     options = EmulationOptions(
-        *(tmp_path / "arm.urdf",),
-        **{"tip": "tip", "rate": 200.0, "motion": "postures", "directions": 6},
+        tmp_path / "arm.urdf",
+        tip="tip",
+        rate=200.0,
+        motion="postures",
+        directions=6,
         timing=Timing(1.2, 0.4),
     )
     with EmulatedArm(emulated_device(options).emulation, patient=True) as emulator:

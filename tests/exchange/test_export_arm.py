@@ -506,3 +506,19 @@ def test_a_zero_outside_the_range_is_refused(result: Result, tmp_path: Path) -> 
     device.write_text(yaml.safe_dump({"port": "p", "format": "feetech", "joints": specs}))
     with pytest.raises(InputError, match="ticks from the middle; expected a zero within the range"):
         exported(result, "lerobot", tmp_path, calibration=str(before), device=str(device))
+
+
+def test_a_urdf_without_offsets_is_for_encoders_that_have_them(
+    result: Result, tmp_path: Path
+) -> None:
+    """Of readings plus offsets it gives the pose that the other one gives of raw readings."""
+    arm = arm_in(result)
+    offsets = [arm.values.get(f"{joint}.offset", 0.0) for joint in arm.model.joints]
+    q = np.random.default_rng(3).uniform(-0.5, 0.5, (5, len(offsets)))
+    poses = []
+    for options, readings in (({}, q), ({"without_offsets": True}, q + offsets)):
+        path = exported(result, "urdf", tmp_path, **options)
+        poses.append(ArmModel.from_urdf(path, arm.alone.tip).forward(readings))
+    for one, other in zip(*poses, strict=True):
+        np.testing.assert_allclose(one, other, atol=1e-8)
+    assert max(map(abs, offsets)) > 0.005

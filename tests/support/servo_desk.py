@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import csv
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +17,7 @@ import numpy as np
 from hobby_arms import sheet
 from servo_arms import SLOPE, TABLE, ServoArm, arm_with_pen, placed
 
+from suta_calib import Solution
 from suta_calib.arrays import FloatArray
 from suta_calib.geometry.numbers import (
     homogeneous,
@@ -33,8 +34,8 @@ from suta_calib.terms.hand_eye_start import EYE_IN_HAND, EYE_TO_HAND
 from suta_calib.units import deg
 
 TOUCHING = (0.0, -20.0, 45.0, 45.0, 0.0)
-# Where nothing was fitted.
-ASIDE = ((190.0, -10.0, 25.0), (-8.0, -5.0, 12.0))
+# Places of the sheet; at the last nothing is fitted.
+PLACES = {"table": TABLE, "slope": SLOPE, "aside": ((190.0, -10.0, 25.0), (-8.0, -5.0, 12.0))}
 CAMERA = Camera(1280, 720, np.array([800.0, 800, 639.5, 359.5, 0.05, -0.1, 0, 0, 0]))
 BOARD = Chessboard(8, 5, 0.015)
 CAMERAS = {"wrist": EYE_IN_HAND, "front": EYE_TO_HAND}
@@ -84,20 +85,28 @@ class ServoDesk:
         write_artefact(folder / "artefact.yaml", sheet(ruler=2.5e-3))
         write_camera(folder / "camera.yaml", CAMERA)
         desk._complete_job()
-        printed = sheet(*(1 + desk.stretch).tolist())
-        for name, place in (
-            ("calibration/table", TABLE),
-            ("calibration/slope", SLOPE),
-            ("validation/aside", ASIDE),
-        ):
-            at = placed(printed, place)
-            q = arm.touching(at + 3e-4 * arm.random.standard_normal(at.shape), TOUCHING)
-            labels = [(Path(name).name, "1", mark) for mark in printed.landmarks]
-            (folder / name).with_name("samples.csv").unlink(missing_ok=True)
-            desk._write(f"{name}.csv", ("placement", "repeat", "landmark"), labels, q)
+        for place in PLACES:
+            desk.touch(place)
         for name in CAMERAS:
-            desk._see(name, pictures)
+            desk.see(name, pictures)
         return desk
+
+    def touch(
+        self, place: str, file: Path | None = None, marks: Sequence[str] = (), repeat: str = "1"
+    ) -> None:
+        """Samples of the crosses at a place, as `measure` writes them; of all by default."""
+        printed = sheet(*(1 + self.stretch).tolist())
+        if marks:
+            printed = replace(printed, landmarks={name: printed.landmarks[name] for name in marks})
+        at = placed(printed, PLACES[place])
+        at = at + 3e-4 * self.servos.random.standard_normal(at.shape)
+        labels = [(place, repeat, mark) for mark in printed.landmarks]
+        if file is None:
+            folder = self.job.parent / ("validation" if place == "aside" else "calibration")
+            (folder / "samples.csv").unlink(missing_ok=True)
+            file = folder / f"{place}.csv"
+        q = self.servos.touching(at, TOUCHING)
+        self._write(file, ("placement", "repeat", "landmark"), labels, q)
 
     def _complete_job(self) -> None:
         """The pose of the sheet by a ruler; lenses that are known."""
@@ -115,10 +124,10 @@ class ServoDesk:
         self.job.write_text(text.replace("board: board.yaml", lens))
 
     def _write(
-        self, name: str, names: Sequence[str], labels: Sequence[Sequence[str]], q: FloatArray
+        self, file: Path, names: Sequence[str], labels: Sequence[Sequence[str]], q: FloatArray
     ) -> None:
-        with (self.job.parent / name).open("w", newline="") as file:
-            writer = csv.writer(file)
+        with file.open("w", newline="") as stream:
+            writer = csv.writer(stream)
             writer.writerow((*names, *self.servos.arm.joints))
             for label, row in zip(labels, self.servos.readings(q), strict=True):
                 writer.writerow((*label, *map(repr, row.tolist())))
@@ -149,18 +158,19 @@ class ServoDesk:
                     ).all():
                         yield angles, pixel + 0.2 * random.standard_normal(pixel.shape)
 
-    def _see(self, name: str, pictures: int) -> None:
+    def see(self, name: str, pictures: int) -> None:
+        """Samples and corners of a camera's pictures, as `measure` and `detect` write them."""
         taken = [picture for picture, _ in zip(self._pictures(name), range(pictures), strict=False)]
         images = [f"{k:02}.png" for k in range(pictures)]
-        self._write(
-            f"{name}/samples.csv", ("image",), [*zip(images)], np.array([q for q, _ in taken])
-        )
+        q = np.array([angles for angles, _ in taken])
+        labels = [(image,) for image in images]
+        self._write(self.job.parent / name / "samples.csv", ("image",), labels, q)
         numbers = np.tile(np.array([*BOARD.points]), pictures)
         pixels = np.concatenate([pixel for _, pixel in taken])
         corners = corners_of(np.repeat(images, len(BOARD.points)), numbers, pixels)
         write_corners(self.job.parent / name / "corners.csv", corners)
 
-    def errors(self, result: Calibration) -> dict[str, float]:
+    def errors(self, result: Calibration | Solution) -> dict[str, float]:
         """Errors of a result over the workspace, the base registered: mm and deg, RMS.
 
         Of the tip and the camera on the hand, in 40 postures; and of the camera beside the arm.
@@ -182,7 +192,7 @@ class ServoDesk:
         }
 
 
-def camera_in(result: Calibration, label: str) -> FloatArray:
+def camera_in(result: Calibration | Solution, label: str) -> FloatArray:
     """Pose (4, 4) of a camera, of that name, in the tip or in the base."""
     x = np.array([result.estimates[f"hand_eye[{label}].{k}"].value for k in ("x", "y", "z")])
     turn = [result.estimates[f"hand_eye[{label}].{k}"].value for k in ("rx", "ry", "rz")]

@@ -9,11 +9,18 @@ from suta_calib.exchange.option import Given, Option
 from suta_calib.exchange.result import Result, Transform
 from suta_calib.exchange.writer import Writer
 from suta_calib.geometry.numbers import rpy_from_rotation
+from suta_calib.model.parameters import OFFSET
 from suta_calib.model.urdf_tree import read_tree
 
 CAMERAS: Final = Option(
     "cameras",
     "Add a link for each camera, on the link that carries it; z points out of the camera.",
+    flag=True,
+)
+WITHOUT_OFFSETS: Final = Option(
+    "without_offsets",
+    "Leave the offsets of the joints out: for a robot whose encoders were corrected by them "
+    "(lerobot, joint-offsets).",
     flag=True,
 )
 _END: Final = b"</robot>"
@@ -25,13 +32,16 @@ class UrdfWriter(Writer):
     name = "urdf"
     summary = "the job's URDF with calibrated <origin>s; --cameras adds links for cameras"
     example = "results --format urdf --cameras --out arm.urdf"
-    options = (CAMERAS,)
+    options = (CAMERAS, WITHOUT_OFFSETS)
     file = "exported.urdf"
 
     def content(self, result: Result, given: Given) -> bytes:
         """The file's bytes."""
         arm = result.need_arm(self.name)
-        urdf = arm.model.calibrated_urdf(arm.values)
+        values = dict(arm.values)
+        if WITHOUT_OFFSETS in given:
+            values |= dict.fromkeys((f"{joint}.{OFFSET}" for joint in arm.model.joints), 0.0)
+        urdf = arm.model.calibrated_urdf(values)
         if CAMERAS not in given:
             return urdf
         links = read_tree(urdf.decode()).links
