@@ -287,3 +287,19 @@ def optional_arm(
         raise click.UsageError(f"--urdf needs --tip: the link or frame that {what}")
 
     return ArmModel.from_urdf(urdf, tip, base)
+
+
+def page_options(command: Command) -> Command:
+    """``--port``, ``--host`` and ``--no-open`` of a page in the browser."""
+    where = (
+        "Address of the page. Default: only this computer can look; with 0.0.0.0 everybody in the "
+        "network who has the printed address, such as a tablet."
+    )
+    port = click.IntRange(0, 65535)
+    for decorate in (
+        flag("--no-open", "Do not open the page in a browser."),
+        option("--host ADDRESS", where, default="127.0.0.1"),
+        option("--port", "Port of the page; 0 for any free port.", port, 8080),
+    ):
+        command = decorate(command)
+    return command

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import os
 import signal
 import sys
 import threading
 import time
+import webbrowser
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from functools import wraps
@@ -254,3 +256,17 @@ def _on_sigterm(handler: Callable[..., Any]) -> Iterator[None]:
         yield
     finally:
         signal.signal(signal.SIGTERM, before)
+
+
+def say_line(line: str, *, stderr: bool = False) -> None:
+    """A line on the console, at once."""
+    with printing():
+        console(stderr=stderr).print(line, soft_wrap=True)
+
+
+def open_page(url: str, *, no_open: bool, stderr: bool = False) -> None:
+    """Say where a page is, and open it in a browser if there is a screen."""
+    say_line(f"Open {url} in a browser; Ctrl-C ends it", stderr=stderr)
+    # Without a screen, a browser in the terminal would take it.
+    if not no_open and {"DISPLAY", "WAYLAND_DISPLAY"} & {*os.environ}:
+        webbrowser.open(url)

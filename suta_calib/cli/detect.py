@@ -2,16 +2,25 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 
 import click
 
+from suta_calib.assessment import Assessment
 from suta_calib.atomic import check_outputs
-from suta_calib.cli._options import PATH, WRITTEN, Folder, flag, option
-from suta_calib.cli._output import LateProgress, answer_command
+from suta_calib.cli._options import PATH, WRITTEN, Folder, flag, option, page_options
+from suta_calib.cli._output import (
+    LateProgress,
+    answer_command,
+    ended_by_sigterm,
+    open_page,
+    say_line,
+)
 from suta_calib.errors import BoardError, InputError, OutputError
 from suta_calib.geometry.lens import LENSES
-from suta_calib.measurements import read_board, read_camera, write_camera, write_corners
+from suta_calib.guide.live_pictures import LiveOptions, LivePictures
+from suta_calib.measurements import Board, read_board, read_camera, write_camera, write_corners
 from suta_calib.measurements.csv_table import number_in
 from suta_calib.measurements.seen_points import write_seen_points
 from suta_calib.report.detect import detect_document
@@ -71,6 +80,18 @@ def _unit(value: str) -> float:
     "--report DIR", "Write detect.json, pictures (SVG) and report.html there.", Folder(), name="out"
 )
 @flag("--pictures", "Also write each picture, with the corners found in it.")
+@flag(
+    "--live",
+    "Show pictures on a page in the browser as they come into the folder IMAGES: what is found in "
+    "them, what they cover, and what to show next. The button Calibrate goes on.",
+)
+@option(
+    "--video NUMBER",
+    "With --live: take the pictures with this camera of the computer, such as 0, and save them in "
+    "IMAGES. One is taken when the board is held still and shows something new.",
+    default="",
+)
+@page_options
 def detect(
     images: tuple[Path, ...],
     board: Path,
@@ -82,6 +103,11 @@ def detect(
     step: float | None,
     points_out: Path | None,
     pictures: bool,
+    live: bool,
+    video: str,
+    port: int,
+    host: str,
+    no_open: bool,
 ) -> Document:
     """Find the corners of a board in pictures, and calibrate the camera that took them.
 
@@ -108,9 +134,51 @@ def detect(
         if not path.parent.is_dir() or path.is_dir():
             what = "a folder" if path.is_dir() else f"no folder {path.parent}"
             raise OutputError(f"{path}: found {what}; expected a file in an existing folder")
+    if video and not live:
+        raise click.UsageError("--video shows what it takes on a page: give --live too")
+    sought = read_board(board)
+    if not live:
+        return _detected(
+            images, board, sought, file, known, lens, camera_out, depth, step, points_out, pictures
+        )
+    if len(images) != 1 or images[0].is_file():
+        raise click.UsageError("--live needs one folder as IMAGES")
+    say = partial(say_line, stderr=True)
+    with LivePictures(LiveOptions(images[0], sought, video, port, host), say) as taking:
+        open_page(taking.url, no_open=no_open, stderr=True)
+        with ended_by_sigterm():
+            taking.run()
+        taking.calibrating()
+        try:
+            answer = _detected(
+                *(images, board, sought, file, known, lens, camera_out, depth, step, points_out),
+                pictures,
+            )
+        except InputError as problem:
+            taking.conclude(Assessment.of(bad=[str(problem)]), ())
+            raise
+        written = [each for each in outputs if each.is_file()]
+        taking.conclude(answer.assessment, tuple(written))
+    return answer
+
+
+def _detected(
+    images: tuple[Path, ...],
+    board: Path,
+    sought: Board,
+    file: Path | None,
+    known: Path | None,
+    lens: str | None,
+    camera_out: Path | None,
+    depth: Path | None,
+    step: float | None,
+    points_out: Path | None,
+    pictures: bool,
+) -> Document:
+    """Corners and camera from the pictures that are there."""
+    outputs = [each for each in (file, camera_out, points_out) if each is not None]
     found_files = find_pictures(images)
     check_outputs(outputs, [board, known, *(each.path for each in found_files)])
-    sought = read_board(board)
     camera = None if known is None else read_camera(known)
     options = DetectionOptions(camera=CameraFitOptions(lens=LENSES[lens] if lens else None))
     with LateProgress("searching") as progress:

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import os
-import webbrowser
 from dataclasses import fields
+from functools import partial
 from typing import Any
 
 import click
@@ -19,9 +18,10 @@ from suta_calib.cli._options import (
     flag,
     job_argument,
     option,
+    page_options,
     urdf_option,
 )
-from suta_calib.cli._output import console, ended_by_sigterm, printing
+from suta_calib.cli._output import ended_by_sigterm, open_page, say_line
 from suta_calib.cli.measure import PlaceCommand
 from suta_calib.guide.guiding import Guide, GuideOptions
 from suta_calib.units import from_deg
@@ -41,14 +41,7 @@ from suta_calib.units import from_deg
 )
 @chain_option
 @urdf_option("URDF for the arm that is shown; default: the job's.")
-@option("--port", "Port of the page; 0 for any free port.", click.IntRange(0, 65535), 8080)
-@option(
-    "--host ADDRESS",
-    "Address of the page. Default: only this computer can look; with 0.0.0.0 everybody in the "
-    "network who has the printed address, such as a tablet.",
-    default="127.0.0.1",
-)
-@flag("--no-open", "Do not open the page in a browser.")
+@page_options
 @option("--drift-deg", "Largest drift of an arm at rest, in a quarter of a second.", POSITIVE, 0.02)
 @option(
     "--tremble-deg",
@@ -77,17 +70,6 @@ def guide(**options: Any) -> None:
     places = [name for name in options if name not in stated]
     labels = {name: label for name in places if (label := options.pop(name)) is not None}
     measuring = MeasureOptions(labels=labels, rest=rest, **options)
-    to = console()
-
-    def say(line: str) -> None:
-        with printing():
-            to.print(line, soft_wrap=True)
-
-    def opened(url: str) -> None:
-        say(f"Open {url} in a browser; Ctrl-C ends it")
-        # Without a screen, a browser in the terminal would take it.
-        if not stays_closed and {"DISPLAY", "WAYLAND_DISPLAY"} & {*os.environ}:
-            webbrowser.open(url)
-
     with ended_by_sigterm():
-        Guide(GuideOptions(measuring, **page), say, opened).run()
+        opened = partial(open_page, no_open=stays_closed)
+        Guide(GuideOptions(measuring, **page), say_line, opened).run()

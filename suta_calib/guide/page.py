@@ -27,18 +27,24 @@ if TYPE_CHECKING:
 _EACH: Final = 0.1
 # A browser sends the name of a button.
 _LONGEST: Final = 40
-_TEMPLATE: Final = "templates/guide.html"
+# Of all pages.
+_SHARED: Final = {"/page.css": "page.css", "/page.js": "page.js"}
 
 
 class GuidePage:
-    """A `Site`: the page, the files that it links to, and the buttons on it.
+    """A `Site`: a page, the files that it links to, and the buttons on it.
+
+    Args:
+        title: what it is about.
+        template: its file in ``templates``.
 
     Attributes:
         pressed: names of buttons that were pressed, and nobody has asked for yet.
     """
 
-    def __init__(self, title: str) -> None:
+    def __init__(self, title: str, template: str = "guide.html") -> None:
         self.pressed: SimpleQueue[str] = SimpleQueue()
+        self._template, self._picture = template, b""
         self._shown: dict[str, Any] = {"title": title, "browsers": 0}
         self._files: dict[str, Path] = {}
 
@@ -55,15 +61,22 @@ class GuidePage:
         """Let these files be opened from the page, by their names."""
         self._files = {path.name: path for path in paths}
 
+    def show_picture(self, jpeg: bytes) -> None:
+        """Show another live picture, which stands at ``/picture.jpg``."""
+        self._picture = jpeg
+        self.show(picture=self._shown.get("picture", 0) + 1)
+
     def press(self, button: str) -> None:
         """As if the button had been pressed."""
         self.pressed.put(button)
 
     def page(self, path: str) -> Page | None:
         """What stands at a path."""
-        if path == "/":
-            content = files("suta_calib.guide").joinpath(_TEMPLATE).read_bytes()
-            return Page(content, "text/html; charset=utf-8")
+        if (template := {"/": self._template, **_SHARED}.get(path)) is not None:
+            content = files("suta_calib.guide").joinpath("templates", template).read_bytes()
+            return Page(content, f"{mimetypes.guess_type(template)[0]}; charset=utf-8")
+        if path == "/picture.jpg" and self._picture:
+            return Page(self._picture, "image/jpeg")
         file = self._files.get(path.removeprefix("/files/"))
         if file is None:
             return None

@@ -9,6 +9,7 @@ the same port, under the same rule.
 
 from __future__ import annotations
 
+import errno
 import http
 import ipaddress
 import logging
@@ -21,6 +22,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Final, Protocol
 from urllib.parse import urlsplit
 
+from suta_calib.errors import OutputError
 from suta_calib.optional_packages import load
 
 if TYPE_CHECKING:
@@ -110,7 +112,6 @@ class Access:
 
     def checked(self, answer: Answer) -> Answer:
         """``answer`` for requests that may be answered, with the path that it expects."""
-        version = load("viser", "view").__version__
 
         def checked(connection: ServerConnection, request: Request) -> Response | None:
             try:
@@ -125,6 +126,7 @@ class Access:
                     return self._own(connection, request, path)
                 path = path.removeprefix(_SCENE)
             if request.headers.get_all("Upgrade"):
+                version = load("viser", "view").__version__
                 offered = ",".join(request.headers.get_all("Sec-WebSocket-Protocol"))
                 if f"viser-v{version}" not in offered.replace(" ", "").split(","):
                     text = f"Refused: this is viser {version}; reload the page.\n"
@@ -194,3 +196,20 @@ class Access:
                 yield
             finally:
                 library.serve = plain
+
+
+def check_port(port: int, host: str) -> None:
+    """Refuse a port that cannot be listened on.
+
+    Raises:
+        OutputError: another program has it, or the host is not this computer.
+    """
+    try:
+        socket.create_server((host, port)).close()
+    except OSError as error:
+        taken = error.errno == errno.EADDRINUSE
+        problem = "another program that listens there" if taken else error.strerror or str(error)
+        raise OutputError(
+            f"{host}:{port}: found {problem}; expected a free port of this computer; "
+            "choose another with --port, or --host"
+        ) from None

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import errno
-import socket
 import threading
 import time
 from collections.abc import Callable, Iterable, Iterator
@@ -18,7 +16,7 @@ from suta_calib.arrays import FloatArray
 from suta_calib.errors import OutputError
 from suta_calib.optional_packages import load
 from suta_calib.units import Unit, shown, stored
-from suta_calib.view.access import Access, Site
+from suta_calib.view.access import Access, Site, check_port
 from suta_calib.view.drawing import (
     CALIBRATED,
     NOMINAL,
@@ -392,15 +390,7 @@ def _silent() -> Iterator[None]:
 def _server(port: int, host: str, access: Access) -> viser.ViserServer:
     library = load("viser", "view")
     # Viser would go on to the next ports, and wait for ever for a host that is none.
-    try:
-        socket.create_server((host, port)).close()
-    except OSError as error:
-        taken = error.errno == errno.EADDRINUSE
-        problem = "another program that listens there" if taken else error.strerror or str(error)
-        raise OutputError(
-            f"{host}:{port}: found {problem}; expected a free port of this computer; "
-            "choose another with --port, or --host"
-        ) from None
+    check_port(port, host)
     with _silent(), access.guarding():
         server: viser.ViserServer = library.ViserServer(host=host, port=port, verbose=False)
     if not access.guards:

@@ -8,10 +8,11 @@ import numpy as np
 
 from suta_calib.measurements.board import Chessboard
 from suta_calib.vision.opencv import opencv
-from suta_calib.vision.pictures import UnusablePictureError, read_picture
+from suta_calib.vision.pictures import Grey, UnusablePictureError, read_picture
 
 if TYPE_CHECKING:
     from suta_calib.vision.detection import Detection, SearchedPicture
+    from suta_calib.vision.finder import DetectedBoard
 
 # Blue, green, red: the orange and blue of the plots, told apart by colour-blind people.
 _CORNER: Final = (0, 159, 230)
@@ -41,6 +42,17 @@ def drawn(view: SearchedPicture, detection: Detection) -> bytes:
     for colour, width in ((_BLACK, 4), (_WHITE, 1)):
         cv2.putText(canvas, plain, (8, 22), cv2.FONT_HERSHEY_SIMPLEX, 0.55, colour, width)
     return bytes(cv2.imencode(".jpg", canvas, [cv2.IMWRITE_JPEG_QUALITY, 85])[1])
+
+
+def live_drawing(grey: Grey, board: DetectedBoard | None) -> bytes:
+    """A small JPEG of a picture with the corners that are found in it."""
+    cv2 = opencv()
+    scale = min(1.0, 960 / max(grey.shape))
+    size = tuple(max(round(n * scale), 1) for n in grey.shape[::-1])
+    canvas = cv2.cvtColor(cv2.resize(grey, size, interpolation=cv2.INTER_AREA), cv2.COLOR_GRAY2BGR)
+    for u, v in () if board is None else np.round(board.pixel * scale * 16).astype(int).tolist():
+        cv2.circle(canvas, (u, v), 5 * 16, _CORNER, 2, cv2.LINE_AA, 4)
+    return bytes(cv2.imencode(".jpg", canvas, [cv2.IMWRITE_JPEG_QUALITY, 75])[1])
 
 
 def _corners(canvas: Any, pixel: Any, point: Any, detection: Detection) -> None:
