@@ -16,7 +16,7 @@ from suta_calib.report.files import write_document
 
 
 @dataclass(frozen=True)
-class Calibrated:
+class GuidedCalibration:
     """What came out.
 
     Attributes:
@@ -32,7 +32,7 @@ class Calibrated:
     job: Path
 
 
-def calibrated(job: Path) -> Calibrated:
+def calibrated(job: Path) -> GuidedCalibration:
     """Calibrate with the rows of a job that have samples, and write the results beside it.
 
     Where rows have none, the job that is calibrated is written beside it too.
@@ -50,4 +50,4 @@ def calibrated(job: Path) -> Calibrated:
         inputs = {str(measured): sha256(measured.read_bytes()).hexdigest()}
         written = write_document(calibration_document(answer), job.parent / "results", inputs)
     files = tuple(Path(path) for path in written["files"].values())
-    return Calibrated(answer.headline, answer.assessment, files, measured)
+    return GuidedCalibration(answer.headline, answer.assessment, files, measured)

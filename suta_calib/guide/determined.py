@@ -131,7 +131,7 @@ def _determined(job: CalibrationJob) -> SoFar:
     covariance = covariance[:count, :count]
     tip = planning.Region.around(situation).sensitivity(situation, space.names[:count], 0)
     std = np.sqrt(np.diag(covariance))
-    found = []
+    parameters = []
     for k, parameter in enumerate(list(space.parameters.values())[:count]):
         # At first and now, of the tip, m.
         before, now = (tip.moved(size * np.eye(count)[k]) for size in (parameter.plausible, std[k]))
@@ -140,11 +140,13 @@ def _determined(job: CalibrationJob) -> SoFar:
         gained = math.log(max(before / now, 1.0)) if now > 0 else math.inf
         needed = math.log(max(before / ENOUGH, 1.0))
         share = 1.0 if gained >= needed else gained / needed
-        found.append(Determined(parameter.name, parameter.unit, float(std[k]), now, share))
+        parameters.append(Determined(parameter.name, parameter.unit, float(std[k]), now, share))
     uncertain = tip.std(covariance, tip.registered())
     worst = int(np.argmax(uncertain))
     rms = float(np.sqrt(np.mean(uncertain**2)))
-    return SoFar(tuple(found), rms, float(uncertain[worst]), tip.position[worst], situation.samples)
+    return SoFar(
+        tuple(parameters), rms, float(uncertain[worst]), tip.position[worst], situation.samples
+    )
 
 
 def _next_place(job: CalibrationJob) -> NextPlace:

@@ -14,10 +14,14 @@ import numpy as np
 from suta_calib.emulation.emulated import EmulatedDevice, EmulationOptions, emulated_device
 from suta_calib.emulation.emulated_arm import EmulatedArm
 from suta_calib.emulation.motion import Stops
+from suta_calib.emulation.trajectories import posture_of
+from suta_calib.errors import JobError
 from suta_calib.geometry.numbers import wrap
 from suta_calib.job.outline import read_outline
 from suta_calib.job.standing_elsewhere import job_for_other_samples
-from suta_calib.simulation import PoseSpec
+from suta_calib.model.arm import ArmModel
+from suta_calib.simulation import InverseKinematics, PoseSpec
+from suta_calib.simulation.noise import stream
 from suta_calib.units import shown
 
 # Of the errors of the arm that is emulated.
@@ -57,8 +61,8 @@ def emulated_arm(
     if kind == "placement":
         options = replace(options, placements={label: place}, sequence=sequence)
     else:
-        points = {label: place or PoseSpec(np.eye(3), np.array([0.4, 0.0, 0.1]))}
-        options = replace(options, points=points, directions=rests)
+        options = replace(options, directions=rests)
+        options = replace(options, points={label: place or _point_within_reach(options, label)})
     emulation = _near_each_other(options).emulation
     motion = emulation.motion
     assert isinstance(motion, Stops)
@@ -71,6 +75,31 @@ def emulated_arm(
     )
     with EmulatedArm(replace(emulation, motion=taken_up), patient=True) as arm:
         yield arm.write_device(job.parent / "device.yaml")
+
+
+def _point_within_reach(options: EmulationOptions, label: str) -> PoseSpec:
+    """A point that the arm can touch from all sides that are asked for.
+
+    Raises:
+        JobError: none was found.
+    """
+    tries = 30
+    outline = read_outline(options.script) if options.script is not None else None
+    assert outline is not None
+    arm = ArmModel.from_urdf(options.urdf, *outline.one(options.chain))
+    random = stream(options.seed, label, "point")
+    readings = InverseKinematics(arm, {}).random_readings(random, tries)
+    _, tips = arm.forward(posture_of(arm) + 0.5 * (readings - posture_of(arm)))
+    failed: JobError | None = None
+    for tip in tips[tips[:, 2] > 0]:
+        place = PoseSpec(np.eye(3), np.round(tip, 3))
+        try:
+            emulated_device(replace(options, points={label: place}))
+        except JobError as error:
+            failed = error
+        else:
+            return place
+    raise failed or JobError("no point above the base", "an arm that reaches one")
 
 
 def _near_each_other(options: EmulationOptions) -> EmulatedDevice:

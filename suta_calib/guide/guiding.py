@@ -28,7 +28,7 @@ from suta_calib.acquisition.session_events import (
 from suta_calib.acquisition.touch_sequence import kinds_of, read_row
 from suta_calib.device.device_file import read_device
 from suta_calib.errors import DeviceError, InputError, JobError, SamplesError
-from suta_calib.guide.calibrating import Calibrated
+from suta_calib.guide.calibrating import GuidedCalibration
 from suta_calib.guide.determined import NextPlace, SoFar
 from suta_calib.guide.emulating import emulated_arm, job_to_try
 from suta_calib.guide.page import GuidePage, PageKeys
@@ -331,7 +331,7 @@ class Guide:
         elif isinstance(answer, NextPlace):
             if self.page.shown("phase") == "between":
                 self._show_planned(answer)
-        elif isinstance(answer, Calibrated):
+        elif isinstance(answer, GuidedCalibration):
             self.page.link(answer.files)
             self.page.show(verdict=_verdict(answer))
             self._say(f"{answer.assessment.word}. {answer.assessment.statement}")
@@ -465,7 +465,7 @@ def _so_far(found: SoFar) -> dict[str, Any]:
     }
 
 
-def _verdict(answer: Calibrated) -> dict[str, Any]:
+def _verdict(answer: GuidedCalibration) -> dict[str, Any]:
     assessment = answer.assessment
     return {
         "level": assessment.level,

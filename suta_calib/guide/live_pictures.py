@@ -23,7 +23,7 @@ from suta_calib.errors import InputError, OutputError
 from suta_calib.guide.page import GuidePage
 from suta_calib.measurements.board import Board
 from suta_calib.view.site_server import SiteServer
-from suta_calib.vision.coverage import PARTS, Coverage, SeenBoard, degrees, moved
+from suta_calib.vision.coverage import PARTS, BoardCoverage, SeenBoard, degrees, moved
 from suta_calib.vision.detection import finder_of
 from suta_calib.vision.drawing import live_drawing
 from suta_calib.vision.finder import DetectedBoard, NotSeenError
@@ -161,21 +161,21 @@ class LivePictures:
         """One picture of the camera: shown, and kept if it tells something new."""
         grey: Grey = opencv().cvtColor(frame, opencv().COLOR_BGR2GRAY)
         self._size = grey.shape[1], grey.shape[0]
-        found, why = self._found(grey)
-        self._show(grey, found)
-        if found is None:
+        detected, why = self._found(grey)
+        self._show(grey, detected)
+        if detected is None:
             self.page.show(doing=f"The board is not seen: {why}", seen=False)
             return None
-        seen = SeenBoard.of(found, self._options.board, self._size)
-        new = self._coverage.is_new(seen)
-        still = before is not None and moved(before, found) < _STILL * self._size[0]
+        view = SeenBoard.of(detected, self._options.board, self._size)
+        new = self._coverage.is_new(view)
+        still = before is not None and moved(before, detected) < _STILL * self._size[0]
         if now or (new and still):
-            self._keep(frame, seen)
-            return found
+            self._keep(frame, view)
+            return detected
         self.page.show(doing="Hold still" if new else "This is known already", seen=True)
-        return found
+        return detected
 
-    def _keep(self, frame: Any, seen: SeenBoard) -> None:
+    def _keep(self, frame: Any, view: SeenBoard) -> None:
         """Write a picture, and count it; when it is shown as taken it is on the disk."""
         numbers = (k for k in range(1, 100_000))
         names = (self._options.folder / f"picture_{number:04d}.png" for number in numbers)
@@ -188,7 +188,7 @@ class LivePictures:
         except OSError as error:
             raise OutputError(f"{path}: not written: {error.strerror}") from error
         assert done
-        self._seen[path] = seen
+        self._seen[path] = view
         self._say(f"{path.name}: taken")
         self._tell(f"{path.name} is taken")
 
@@ -221,12 +221,14 @@ class LivePictures:
                 self._tell(f"{path.name}: {problem.found}")
                 continue
             self._size = grey.shape[1], grey.shape[0]
-            found, why = self._found(grey)
-            self._show(grey, found)
+            detected, why = self._found(grey)
+            self._show(grey, detected)
             self._seen[path] = (
-                None if found is None else SeenBoard.of(found, self._options.board, self._size)
+                None
+                if detected is None
+                else SeenBoard.of(detected, self._options.board, self._size)
             )
-            what = f"the board is not seen: {why}" if found is None else "the board is found"
+            what = f"the board is not seen: {why}" if detected is None else "the board is found"
             self._say(f"{path.name}: {what}")
             self._tell(f"{path.name}: {what}")
         if (gone or not self._seen) and not new:
@@ -234,8 +236,8 @@ class LivePictures:
 
     # ── both ────────────────────────────────────────────────────────────────────────────────
     @property
-    def _coverage(self) -> Coverage:
-        return Coverage(tuple(seen for seen in self._seen.values() if seen is not None))
+    def _coverage(self) -> BoardCoverage:
+        return BoardCoverage(tuple(view for view in self._seen.values() if view is not None))
 
     def _found(self, grey: Grey) -> tuple[DetectedBoard | None, str]:
         try:
@@ -243,8 +245,8 @@ class LivePictures:
         except NotSeenError as problem:
             return None, problem.found
 
-    def _show(self, grey: Grey, found: DetectedBoard | None) -> None:
-        self.page.show_picture(live_drawing(grey, found))
+    def _show(self, grey: Grey, detected: DetectedBoard | None) -> None:
+        self.page.show_picture(live_drawing(grey, detected))
 
     def _tell(self, doing: str) -> None:
         coverage = self._coverage
@@ -301,7 +303,14 @@ class Video:
             yield frame
 
     def _opened(self) -> Any:
-        capture = opencv().VideoCapture(self._source)
+        cv2 = opencv()
+        # Of a camera that is not there we say ourselves what is wrong.
+        logging = cv2.utils.logging
+        level = logging.setLogLevel(logging.LOG_LEVEL_SILENT)
+        try:
+            capture = cv2.VideoCapture(self._source)
+        finally:
+            logging.setLogLevel(level)
         return capture if capture.isOpened() else None
 
     def _read(self) -> None:

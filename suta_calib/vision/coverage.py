@@ -12,7 +12,7 @@ from suta_calib.display import Displayable
 from suta_calib.geometry.lens import PLUMB_BOB
 from suta_calib.measurements.board import Board
 from suta_calib.measurements.camera import Camera
-from suta_calib.measurements.corners import Corners, corners_of
+from suta_calib.measurements.corners import corners_of
 from suta_calib.units import deg, from_deg
 from suta_calib.vision.camera_fit import view_poses
 from suta_calib.vision.finder import DetectedBoard
@@ -42,21 +42,21 @@ class SeenBoard(Displayable):
     tilt: FloatArray
 
     @classmethod
-    def of(cls, found: DetectedBoard, board: Board, size: tuple[int, int]) -> SeenBoard:
+    def of(cls, detected: DetectedBoard, board: Board, size: tuple[int, int]) -> SeenBoard:
         """Of a board that was found in a picture of this width and height, px.
 
         The camera is not known yet: it is taken for one without distortion that sees some 60°.
         """
         width, height = size
         columns, rows = PARTS
-        x = np.clip(found.pixel[:, 0] * columns / width, 0, columns - 1).astype(int)
-        y = np.clip(found.pixel[:, 1] * rows / height, 0, rows - 1).astype(int)
+        column = np.clip(detected.pixel[:, 0] * columns / width, 0, columns - 1).astype(int)
+        row = np.clip(detected.pixel[:, 1] * rows / height, 0, rows - 1).astype(int)
         parts = np.zeros((rows, columns), dtype=np.bool_)
-        parts[y, x] = True
+        parts[row, column] = True
         focal = 0.9 * max(size)
         lens = [focal, focal, (width - 1) / 2, (height - 1) / 2]
         camera = Camera(width, height, np.array([*lens, *[0.0] * (len(PLUMB_BOB.names) - 4)]))
-        corners: Corners = corners_of(np.full(len(found.point), "it"), found.point, found.pixel)
+        corners = corners_of(np.full(len(detected.point), "it"), detected.point, detected.pixel)
         poses, _ = view_poses(corners, board, camera)
         tilt = np.full(2, np.nan)
         if "it" in poses:
@@ -68,7 +68,7 @@ class SeenBoard(Displayable):
 
 
 @dataclass(frozen=True)
-class Coverage(Displayable):
+class BoardCoverage(Displayable):
     """What the pictures taken so far cover.
 
     Attributes:
@@ -77,28 +77,28 @@ class Coverage(Displayable):
 
     taken: tuple[SeenBoard, ...] = ()
 
-    def __add__(self, seen: SeenBoard) -> Coverage:
-        return Coverage((*self.taken, seen))
+    def __add__(self, view: SeenBoard) -> BoardCoverage:
+        return BoardCoverage((*self.taken, view))
 
     @property
     def parts(self) -> FloatArray:
         """(rows, columns) in how many pictures corners are in each part."""
         none = np.zeros(PARTS[::-1])
-        return np.asarray(np.sum([none, *(seen.parts for seen in self.taken)], axis=0))
+        return np.asarray(np.sum([none, *(view.parts for view in self.taken)], axis=0))
 
     @property
     def tilts(self) -> FloatArray:
         """(n, 2) of the boards whose tilt is told, rad."""
-        told = [seen.tilt for seen in self.taken if np.isfinite(seen.tilt).all()]
-        return np.array(told).reshape(-1, 2)
+        tilts = [view.tilt for view in self.taken if np.isfinite(view.tilt).all()]
+        return np.array(tilts).reshape(-1, 2)
 
-    def is_new(self, seen: SeenBoard) -> bool:
+    def is_new(self, view: SeenBoard) -> bool:
         """Whether a picture of it tells more: a part of the picture, or another tilt."""
-        if bool((seen.parts & (self.parts == 0)).any()):
+        if bool((view.parts & (self.parts == 0)).any()):
             return True
-        if not np.isfinite(seen.tilt).all():
+        if not np.isfinite(view.tilt).all():
             return False
-        away = np.linalg.norm(self.tilts - seen.tilt, axis=1)
+        away = np.linalg.norm(self.tilts - view.tilt, axis=1)
         return not len(away) or bool(away.min() > OTHERWISE)
 
     @property
@@ -115,7 +115,7 @@ class Coverage(Displayable):
             "top": down < -TILTED,
             "bottom": down > TILTED,
         }
-        return tuple(way for way, found in there.items() if not found.any())
+        return tuple(way for way, boards in there.items() if not boards.any())
 
     @property
     def enough(self) -> bool:

@@ -16,7 +16,7 @@ from suta_calib.acquisition.session_events import Live, Opened, Said, Stations, 
 from suta_calib.assessment import Assessment
 from suta_calib.errors import DeviceError, InputError, JobError
 from suta_calib.guide import guiding
-from suta_calib.guide.calibrating import Calibrated
+from suta_calib.guide.calibrating import GuidedCalibration
 from suta_calib.guide.determined import Determined, NextPlace, SoFar
 from suta_calib.guide.guiding import Guide, GuideOptions, next_label
 from suta_calib.guide.work import Unanswered, Worker
@@ -94,7 +94,7 @@ def session(*statuses: str, doubt: str = "", status: str = "complete") -> Callab
 
 def test_from_a_placement_to_the_verdict(guide: Guide, monkeypatch: pytest.MonkeyPatch) -> None:
     files = tuple(guide._options.job.parent / name for name in ("report.html", "result.json"))
-    answer = Calibrated("5 to 1 mm", Assessment.of("fine"), files, files[0])
+    answer = GuidedCalibration("5 to 1 mm", Assessment.of("fine"), files, files[0])
     monkeypatch.setattr(
         Answering, "answers", {"determined": SO_FAR, "next": POINT, "calibrated": answer}
     )

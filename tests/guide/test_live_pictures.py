@@ -19,7 +19,7 @@ from vision_scenes import CHESSBOARD, facing, taken, write_picture
 from suta_calib.assessment import Assessment
 from suta_calib.errors import InputError
 from suta_calib.guide.live_pictures import LiveOptions, LivePictures
-from suta_calib.vision.coverage import Coverage, SeenBoard, moved
+from suta_calib.vision.coverage import BoardCoverage, SeenBoard, moved
 from suta_calib.vision.detection import finder_of
 from suta_calib.vision.finder import DetectedBoard
 
@@ -51,7 +51,7 @@ def seen(tilt: tuple[float, float, float]) -> SeenBoard:
 
 
 def test_how_a_board_is_turned_and_what_is_missing() -> None:
-    coverage = Coverage()
+    coverage = BoardCoverage()
     assert coverage.advice == "Hold the board in front of the camera"
     facing_it, turned = seen((0, 0, 5)), seen((0, 25, 0))
     # About the camera's y axis its right side goes away, or comes: the normal leans by 25°.

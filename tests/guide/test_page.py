@@ -15,6 +15,9 @@ import pytest
 from websockets.exceptions import InvalidStatus
 from websockets.sync.client import ClientConnection, connect
 
+from suta_calib.acquisition import StopFinder
+from suta_calib.device import decoder_for
+from suta_calib.emulation import Emulation, Stops, device_of, frames
 from suta_calib.errors import OutputError
 from suta_calib.guide.page import GuidePage, PageKeys
 from suta_calib.model.arm import ArmModel
@@ -121,3 +124,23 @@ def test_a_port_that_is_taken_is_named(served: MeasuredArm, repository: Path) ->
     port = int(served.url.split(":")[2].partition("/")[0])
     with pytest.raises(OutputError, match=r"another program that listens there.*--port"):
         MeasuredArm("job", arm, port, "127.0.0.1", GuidePage(""))
+
+
+def test_readings_are_drawn_with_less_than_half_a_processor(
+    served: MeasuredArm, page: GuidePage, repository: Path
+) -> None:
+    arm = ArmModel.from_urdf(repository / "urdf" / "suta.urdf", "tip")
+    posture, seconds = np.radians([15, 175, 160, 110, -90, -125]), 2
+    motion = Stops(np.array([posture, posture + 0.2]), ({}, {}), rest=1.0, move=0.5)
+    sent = list(frames(Emulation(device_of(arm), motion, noise=1.7e-5), float(seconds)))
+    decoder, finder = decoder_for(device_of(arm)), StopFinder(arm.joints, 0.5)
+    began = time.process_time()
+    # 768 a second in 38 pieces, of which twenty are drawn.
+    for number, piece in enumerate(np.array_split(np.arange(len(sent)), 38 * seconds)):
+        readings = [r for k in piece for r in decoder.feed(sent[k][1], sent[k][0])]
+        finder.feed(readings)
+        if number % 2 and readings:
+            served.move(readings[-1].angles)
+            page.show(live={"share": number})
+    assert len(sent) == 768 * seconds
+    assert (time.process_time() - began) / seconds < 0.5
