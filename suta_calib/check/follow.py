@@ -40,7 +40,7 @@ from suta_calib.trust.linear_fit import LinearFit
 from suta_calib.units import Unit
 
 # Sizes of changes that are looked for: a millimetre, as much at half a metre, …
-_SIZE: Final[dict[Unit, float]] = {"m": 1e-3, "rad": 2e-3, "1": 1e-3, "px": 1.0}
+SIZE: Final[dict[Unit, float]] = {"m": 1e-3, "rad": 2e-3, "1": 1e-3, "px": 1.0}
 # … and a third and five times that.
 _TIMES: Final = 0.3, 1.0, 5.0
 # Chance of a row so far off, from which on it waits for the next one.
@@ -242,7 +242,7 @@ def _log_ratio(fit: LinearFit, columns: FloatArray, suspect: Suspect, freedom: f
     curvature = fit.curvature(columns)
     score = columns.T @ fit.settled
     count = len(fit.residual) - fit.spent
-    size = np.array([_SIZE.get(unit, 1.0) for unit in suspect.units])
+    size = np.array([SIZE.get(unit, 1.0) for unit in suspect.units])
     return float(
         logsumexp([*_of_sizes(fit, curvature, score, size, count, freedom)]) - math.log(len(_TIMES))
     )

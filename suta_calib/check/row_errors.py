@@ -12,13 +12,14 @@ each with a mean variance of one over the rows of the calibration.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Final
 
 import numpy as np
-from scipy.linalg import block_diag
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 
 from suta_calib.arrays import FloatArray, IntArray
 from suta_calib.solver.information import Rows
@@ -69,7 +70,8 @@ class RowErrors:
         deep = max(r.line.view.block.samples.shape[1] for r in rows)
         sample = np.zeros((deep, count), dtype=np.intp)
         by_joint, by_tip = (np.zeros((deep, count, v.shape[2])) for v in (velocity, shift))
-        parts, first = list[tuple[FloatArray, FloatArray]](), 0
+        # Rows, their combinations, and the variances of these.
+        parts, first = list[tuple[IntArray, FloatArray, FloatArray]](), 0
         for r in rows:
             n, size = r.line.residual.shape
             mine = slice(first, first + n * size)
@@ -79,20 +81,20 @@ class RowErrors:
             by_joint[:members, mine] = _by_sample(r, velocity, looked_at)
             by_tip[:members, mine] = _by_sample(r, shift, looked_at)
             if members > 1:
-                alike = np.eye(len(velocity))
-                tips, at = by_tip[:, mine], sample[:, mine]
-                touches = _shared(tips, at, tips, at, alike)
-                values, vectors = np.linalg.eigh(touches / np.mean(np.diag(touches)))
-                kept = values > _ROUNDING * values[-1]
-                parts.append((vectors[:, kept].T, values[kept]))
+                parts += [*_measured(by_tip[:, mine], sample[:, mine], np.arange(n * size) + first)]
             else:
-                parts.append((np.eye(n * size), np.ones(n * size)))
+                each = np.arange(first, first + n * size)
+                parts.append((each, np.eye(n * size), np.ones(n * size)))
             first += n * size
-        combined = None if deep == 1 else block_diag(*(vectors for vectors, _ in parts))
-        own = np.diag(np.concatenate([values for _, values in parts]))
-        stated = np.concatenate(
-            [vectors @ _stated(r) for (vectors, _), r in zip(parts, rows, strict=True)]
-        )
+        own = np.diag(np.concatenate([values for *_, values in parts]))
+        stated = np.concatenate([_stated(r) for r in rows])
+        combined = None
+        if deep > 1:
+            combined = np.zeros((len(own), count))
+            last = np.cumsum([0, *(len(values) for *_, values in parts)])
+            for (some, vectors, _), a, b in zip(parts, last, last[1:], strict=False):
+                combined[a:b, some] = vectors
+            stated = combined @ stated
         starts = problem.evaluation.table.first.tolist()
         posture = np.concatenate(
             [a + t.poses.rests for (a, _), t in zip(pairwise(starts), problem.terms, strict=True)]
@@ -159,6 +161,26 @@ def _shared(
         for b, t in zip(right, others, strict=True):
             total += (a @ b.T) * alike[np.ix_(s, t)]
     return total
+
+
+def _measured(
+    by_tip: FloatArray, sample: IntArray, numbers: IntArray
+) -> Iterator[tuple[IntArray, FloatArray, FloatArray]]:
+    """Combinations of rows that look at several touches, as many as were measured.
+
+    Of all rows that hang together by their touches: which they are, their combinations (c, k), and
+    the variances (c,) of these if each touch errs alike.
+    """
+    pairs = coo_array((np.ones(sample.shape[1]), (sample[0], sample[1])), (sample.max() + 1,) * 2)
+    _, group = connected_components(pairs, directed=False)
+    variance = np.mean(np.sum(by_tip**2, axis=(0, 2)))
+    for one in np.unique(group[sample[0]]):
+        mine = np.flatnonzero(group[sample[0]] == one)
+        tips, at = by_tip[:, mine], sample[:, mine]
+        alike = np.eye(int(at.max()) + 1)
+        values, vectors = np.linalg.eigh(_shared(tips, at, tips, at, alike) / variance)
+        kept = values > _ROUNDING * values[-1]
+        yield numbers[mine], vectors[:, kept].T, values[kept]
 
 
 def _by_joints(problem: Problem, x: FloatArray) -> FloatArray:

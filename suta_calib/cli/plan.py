@@ -8,6 +8,9 @@ from typing import TYPE_CHECKING
 import click
 
 from suta_calib.analysis import planning
+from suta_calib.check import Checker
+from suta_calib.check.design import design_check
+from suta_calib.check.read_back import read_back
 from suta_calib.cli._options import (
     PATH,
     FiniteRange,
@@ -20,8 +23,10 @@ from suta_calib.cli._options import (
 )
 from suta_calib.cli._output import LateProgress, answer_command
 from suta_calib.job.calibration import CalibrationJob
+from suta_calib.report.check_design import check_design_document
 from suta_calib.report.document import Document
 from suta_calib.report.plan import plan_document
+from suta_calib.tracking.read_back import is_result
 from suta_calib.units import from_deg, from_mm, stored
 
 if TYPE_CHECKING:
@@ -31,7 +36,20 @@ if TYPE_CHECKING:
 @answer_command
 @job_argument
 @chain_option
-@option("-n", "Number of measurements to choose.", click.IntRange(1, 50), 3, name="count")
+@option(
+    "-n",
+    "Number of measurements to choose; default: 3, for a check 5.",
+    click.IntRange(1, 50),
+    name="count",
+)
+@option(
+    "--for",
+    "What the measurements are for: to calibrate better, or to check a calibration later; JOB may "
+    "then be a folder of results.",
+    click.Choice(["calibration", "check"]),
+    "calibration",
+    name="purpose",
+)
 @option("--candidates", "candidates.yaml; default: candidates within the region.", PATH)
 @option(
     "--criterion",
@@ -56,7 +74,8 @@ if TYPE_CHECKING:
 def plan(
     job: Path,
     chain: str,
-    count: int,
+    count: int | None,
+    purpose: str,
     candidates: Path | None,
     criterion: str,
     region: FloatArray | None,
@@ -72,11 +91,13 @@ def plan(
     many directions, and postures for an instrument or a camera. Writes plan.csv, plan.yaml and
     drawings. The exit code is 1 if the calibration with the present data must not be used.
     """
+    if purpose == "check":
+        return _for_check(job, chain, count or 5, candidates, region, seed)
     loaded = CalibrationJob.load(job)
     with LateProgress("calibrating") as progress:
         situation = planning.situation_of_job(loaded, progress, chain)
     options = planning.PlanOptions(
-        count,
+        count or 3,
         criterion,
         repeats,
         None if target_mm is None else from_mm(target_mm),
@@ -91,3 +112,27 @@ def plan(
     with LateProgress("planning") as progress:
         chosen = planning.plan(situation, options, places, where, progress)
     return plan_document(chosen)
+
+
+def _for_check(
+    job: Path,
+    chain: str,
+    count: int,
+    candidates: Path | None,
+    region: FloatArray | None,
+    seed: int,
+) -> Document:
+    """What would show most of what may change."""
+    if is_result(job):
+        checker = read_back(job).checker
+    else:
+        with LateProgress("calibrating") as progress:
+            checker = Checker(CalibrationJob.load(job).usable_solution(progress))
+    solution = checker.solution
+    situation = planning.Situation.of(solution.problem, solution, "", chain)
+    places = None
+    if candidates is not None:
+        options = planning.PlanOptions(count)
+        places, _ = planning.candidate_places(candidates, situation, options)
+    where = None if region is None else planning.Region.box(region[0], region[1], situation)
+    return check_design_document(design_check(situation, checker, count, places, where, seed))

@@ -212,3 +212,11 @@ def test_a_last_line_that_is_half_written_waits(calibrated: Path) -> None:
     message = refused("check", calibrated / "results", file.with_name("none.csv"), "--follow",
         "--seconds", "0.1")  # fmt: skip
     assert "none.csv" in message
+
+
+def test_postures_for_a_check_are_planned_from_a_result(calibrated: Path, tmp_path: Path) -> None:
+    out = tmp_path / "plan"
+    assert cli("plan", calibrated / "results", "--for", "check", "--out", out) == 0
+    lines = (out / "plan_check.csv").read_text().splitlines()
+    assert lines[0].startswith("name,joint_1")
+    assert len(lines) == 6
