@@ -5,13 +5,18 @@ from __future__ import annotations
 import importlib.util
 import json
 import sys
+from hashlib import sha256
 from pathlib import Path
 from types import ModuleType, SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
+from cli_job import simulated, write_simulated_job
 
+from suta_calib.job import CalibrationJob
+from suta_calib.report import calibration_document
+from suta_calib.report.files import write_document
 from suta_calib.tracking.publisher import pose_dict
 from suta_calib.tracking.tracker import TrackedPose
 
@@ -116,3 +121,35 @@ def test_datagrams_are_taken_until_there_are_none(node: Any) -> None:
     assert np.reshape(node.published[1].pose.covariance, (6, 6))[0, 0] == 100.0
     node.receive()
     assert len(node.published) == 2
+
+
+def test_the_node_that_checks_names_a_slipped_joint(
+    repository: Path, tmp_path: Path, suta_urdf: Path
+) -> None:
+    """Its part without ROS: an arm that stands still is a row, once in each posture."""
+    job = write_simulated_job(tmp_path, suta_urdf)
+    result = CalibrationJob.load(job).run()
+    inputs = {str(job): sha256(job.read_bytes()).hexdigest()}
+    write_document(calibration_document(result), tmp_path / "results", inputs)
+    spec = importlib.util.spec_from_file_location(
+        "suta_check_node", repository / "examples/ros2/suta_check_node.py"
+    )
+    assert spec is not None
+    assert spec.loader is not None
+    example = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(example)
+    rows = example.RowChecker(tmp_path / "results")
+    later = simulated(rows.term.poses.arm, 12, seed=5)
+    assert later.position is not None
+    level, sentence = 0, ""
+    for q, position in zip(later.q, later.position, strict=True):
+        read = q + np.array([0, 0, 0.01, 0, 0, 0])
+        assert rows.stands(rows.joints, read) is None
+        at_rest = rows.stands(rows.joints, read + 1e-5)
+        assert at_rest is not None
+        level, sentence = rows.take(at_rest, position.tolist(), [0.0, 0.0, 0.0, 1.0])
+        assert rows.stands(rows.joints, read) is None
+        if level:
+            break
+    assert level == 2
+    assert "joint_3" in sentence

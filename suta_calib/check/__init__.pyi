@@ -5,6 +5,8 @@ from .checking import FoundChange as FoundChange
 from .checking import FoundPower as FoundPower
 from .follow import Follow as Follow
 from .follow import FollowStep as FollowStep
+from .read_back import ReadBack as ReadBack
+from .read_back import read_back as read_back
 from .repair import Repair as Repair
 from .repair import can_repair as can_repair
 from .repair import repaired as repaired

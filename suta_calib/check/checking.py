@@ -51,6 +51,8 @@ _FEWEST: Final = 4
 # By how much less than the best a suspect may explain that explains as much: chance of two numbers.
 _AS_MUCH: Final = float(chdtri(2, 0.01))
 UNKNOWN: Final = "something else"
+# What most often changes, and is said of what the rows would have shown.
+_FIRST: Final = ("base", "instrument", "camera", "board", "tip")
 
 
 @dataclass(frozen=True, eq=False)
@@ -179,11 +181,15 @@ class Check(Displayable):
 
     @property
     def _facts(self) -> list[str]:
-        told = [p for p in self.power if all(map(math.isfinite, p.amounts.values()))]
+        shown = [p for p in self.power if all(map(math.isfinite, p.amounts.values()))]
+        joints = [p for p in shown if p.what.startswith("joint ")]
+        # The one that shows least stands for all.
+        least = sorted(joints, key=lambda p: -max(p.amounts.values()))[:1]
+        others = [p for p in shown if p.what in _FIRST]
         return [
-            f"The {p.what} would have shown a change of "
+            f"These rows would have shown the {p.what} off by "
             f"{enumerated([text(a, unit, with_unit=True) for unit, a in p.amounts.items()], 'or')}."
-            for p in told[:3]
+            for p in (*least, *others)
         ]
 
 
@@ -373,11 +379,16 @@ class Checking:
         rows, freed = self.start, np.zeros(0, dtype=np.intp)
         extra, bad, changes = np.zeros((len(rows.residual), 0)), list[int](), list[FoundChange]()
         fit = self.fit(rows, freed, extra)
-        evidence = weigh_effects(fit, self.effects(suspects_of(rows, self.checker.values)))
+        suspects = suspects_of(rows, self.checker.values)
+        evidence = weigh_effects(fit, self.effects(suspects))
         kinds = zip(self.checker.errors.kinds, self.by_noise, strict=True)
         white = [(kind.weight, kind.freedom, self._freed(v)) for kind, v in kinds]
-        family = Family.of(fit, evidence, white, self._freed(self.by_estimates), self.false_alarm)
-        power = tuple(_power(suspect_of(e), fit, e, family) for e in evidence)
+        every = rows.shared.of_samples
+        every = None if every is None else self.white(every)
+        known = self._freed(self.by_estimates)
+        family = Family.of(fit, evidence, white, known, every, self.false_alarm)
+        found = {e.effect.name: e for e in evidence}
+        power = tuple(_power(s, fit, found[s.what], family) for s in suspects if s.what in found)
         p_first = min([family.p_of_all(fit), *(family.p_value(e.p_single) for e in evidence)])
         while True:
             certain = [e for e in evidence if family.p_value(e.p_single) < self.false_alarm]

@@ -36,13 +36,13 @@ class Family:
         false_alarm: rate over all of them.
         freedom: of the noise.
         tests: as how many independent ones they count.
-        of_all: numbers in the rows as a whole, beyond what they alone must tell.
+        every: (m, k) what all samples alone may move, where that is less than all of their rows.
     """
 
     false_alarm: float
     freedom: float
     tests: float
-    of_all: int
+    every: FloatArray | None
 
     @classmethod
     def of(
@@ -51,6 +51,7 @@ class Family:
         evidence: Sequence[Evidence],
         kinds: Sequence[tuple[float, int, FloatArray]],
         known: FloatArray,
+        every: FloatArray | None,
         false_alarm: float,
     ) -> Family:
         """The tests of a fit.
@@ -60,17 +61,17 @@ class Family:
             evidence: on every suspect.
             kinds: of noise: weight, degrees of freedom, and the covariance (m, m) of the rows.
             known: (m, m) covariance by the estimates, whose size is certain.
+            every: as of the attribute.
             false_alarm: rate.
         """
         assert fit.noise_freedom is not None
         freedom = min(fit.noise_freedom, _MANY)
-        of_all = max(round(len(fit.residual) - fit.spent), 1)
         maps = [_scores(fit, e) for e in evidence]
         draws = int(np.ceil(_BEYOND / false_alarm))
         random, least = np.random.default_rng(0), list[FloatArray]()
         basis = _basis(maps, len(fit.residual))
         in_basis = [m @ basis for m in maps]
-        left = _projected(fit)
+        left, of_all = _projector(fit, every)
         for weight, own_freedom, covariance in kinds:
             count = max(round(weight * draws), 1)
             scale = np.sqrt(own_freedom / random.chisquare(own_freedom, count))[:, None]
@@ -81,17 +82,13 @@ class Family:
             for e, by_basis in zip(evidence, in_basis, strict=True):
                 gain = np.sum((along @ by_basis.T) ** 2, axis=1)
                 _lower(p, e.rank, freedom, gain, false_alarm)
-            beyond = of_all - basis.shape[1]
-            every = np.sum(along**2, axis=1)
-            if beyond > 0:
-                whole = float(np.sum(left * covariance)) - float(
-                    np.sum((basis.T @ covariance) * basis.T)
-                )
-                every += scale[:, 0] ** 2 * whole / beyond * random.chisquare(beyond, count)
-            _lower(p, of_all, freedom, every, false_alarm)
+            # Beside the suspects' scores, as if it did not depend on them: the level is kept.
+            whole = float(np.sum(left * (covariance + known))) / of_all
+            as_a_whole = scale[:, 0] ** 2 * whole * random.chisquare(of_all, count)
+            _lower(p, of_all, freedom, as_a_whole, false_alarm)
             least.append(p)
         threshold = float(np.quantile(np.concatenate(least), false_alarm))
-        return cls(false_alarm, freedom, false_alarm / max(threshold, 1e-300), of_all)
+        return cls(false_alarm, freedom, false_alarm / max(threshold, 1e-300), every)
 
     def p_value(self, p_single: float) -> float:
         """Of one test, allowing for all."""
@@ -99,8 +96,9 @@ class Family:
 
     def p_of_all(self, fit: LinearFit) -> float:
         """That the rows as a whole scatter so much, likewise."""
-        count = max(round(len(fit.residual) - fit.spent), 1)
-        return self.p_value(float(fdtrc(count, self.freedom, fit.squares / count)))
+        left, count = _projector(fit, self.every)
+        gain = float(fit.settled @ left @ fit.settled)
+        return self.p_value(float(fdtrc(count, self.freedom, gain / count)))
 
     def seen(self, rank: int, power: float) -> float:
         """Noncentrality of a test of so many numbers that is found with a probability."""
@@ -140,6 +138,12 @@ def _root(basis: FloatArray, covariance: FloatArray) -> FloatArray:
     return np.asarray(vectors * np.sqrt(np.maximum(values, 0.0)))
 
 
-def _projected(fit: LinearFit) -> FloatArray:
-    """(m, m) what the rows' own unknowns leave of them."""
-    return np.eye(len(fit.residual)) - fit.jacobian @ fit.inverse @ fit.jacobian.T
+def _projector(fit: LinearFit, every: FloatArray | None) -> tuple[FloatArray, int]:
+    """(m, m) onto what samples may move and the unknowns of the fit leave; and its rank."""
+    if every is None:
+        left = np.eye(len(fit.residual)) - fit.jacobian @ fit.inverse @ fit.jacobian.T
+        return left, max(round(len(fit.residual) - fit.spent), 1)
+    vectors, values, _ = np.linalg.svd(fit.followed(every), full_matrices=False)
+    # Of the largest: less is rounding.
+    vectors = vectors[:, values > 1e-6 * values[0]]
+    return np.asarray(vectors @ vectors.T), max(vectors.shape[1], 1)

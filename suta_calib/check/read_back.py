@@ -5,16 +5,20 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
 
+from suta_calib import vision
 from suta_calib.assessment import refuse_unusable
 from suta_calib.check.checking import Checker
 from suta_calib.errors import InputError, SamplesError
 from suta_calib.job.calibration import CalibrationJob
 from suta_calib.job.job_terms import read_term
 from suta_calib.job.schema import ObservationSpec
+from suta_calib.measurements import read_board, write_corners
+from suta_calib.measurements.corners import Corners
 from suta_calib.measurements.csv_table import read_csv_table
 from suta_calib.solver.covariance import Spread
 from suta_calib.solver.fitted import Fitted
@@ -26,6 +30,7 @@ from suta_calib.solver.weights import prior_groups
 from suta_calib.terms.term import Term
 from suta_calib.tracking.read_back import load_job
 from suta_calib.tracking.uncertainty import numbers, read_json_object
+from suta_calib.vision.pictures import SUFFIXES
 from suta_calib.words import enumerated
 
 # Columns that only a file of corners in pictures has.
@@ -49,16 +54,50 @@ class ReadBack:
     job: CalibrationJob
     checker: Checker
 
-    def terms(self, files: Sequence[Path], like: str = "") -> list[Term]:
+    def terms(
+        self, files: Sequence[str | Path], like: str = "", board: Path | None = None
+    ) -> list[Term]:
         """New rows as terms: each file by the row of the job that it is like.
 
         Args:
-            files: of samples; of corners in pictures, beside the samples of the pictures.
+            files: of samples; beside those of pictures, the corners in them, or the pictures (files
+                or folders), in which the corners are then found.
             like: kind or label of the job's row, where several suit a file.
+            board: in the pictures, where it is not that of the job.
 
         Raises:
             InputError: a file that is like no row of the job, or like several.
         """
+        paths = [Path(file) for file in files]
+        pictures = [path for path in paths if path.is_dir() or path.suffix.lower() in SUFFIXES]
+        samples = [path for path in paths if path not in pictures]
+        if not pictures:
+            return self._terms(samples, like)
+        with TemporaryDirectory(prefix="suta-calib-") as folder:
+            corners = Path(folder) / "corners.csv"
+            write_corners(corners, self._corners_in(pictures, like, board))
+            return self._terms([*samples, corners], like)
+
+    def _corners_in(self, pictures: Sequence[Path], like: str, board: Path | None) -> Corners:
+        """Corners of the job's board, or of another, as the job's camera took them."""
+        rows = [
+            row
+            for row in (*self.job.spec.observations, *self.job.spec.validation)
+            if "board" in row.settings and (not like or like in (row.kind, row.label))
+        ]
+        if not rows:
+            expected = "samples of a kind that the job has: it looks at no board"
+            raise SamplesError("pictures", expected, file=pictures[0])
+        settings = rows[0].settings
+        sought = settings["board"] if board is None else read_board(board)
+        files = vision.find_pictures(pictures)
+        found = vision.detect(files, sought, settings.get("camera"))
+        if not len(found.corners):
+            expected = "pictures of the board of the job"
+            raise SamplesError("pictures without a board", expected, file=pictures[0])
+        return found.corners
+
+    def _terms(self, files: Sequence[Path], like: str) -> list[Term]:
         corners = [file for file in files if _columns(file) >= _CORNERS]
         if len(corners) > 1:
             expected = "one file of corners, for the pictures of all samples"

@@ -44,7 +44,7 @@ class RowErrors:
         own: (c, c) covariance of what each row or touch has for itself.
         stated: (c,) logarithm of the standard deviation that each row states; zero where none does.
         by_joint: (k, m, joints) derivative by the joint errors of each of up to k samples.
-        by_tip: (k, m, 3) derivative by where the tip is at each of them, m.
+        by_tip: (k, m, 6) derivative by where the tip is at each of them, m, and by its turn, rad.
         sample: (k, m) which samples these are.
         readings: (samples, joints) of turns, rad, and of travels in units alike.
         sliding: (joints,) which of these are travels.
@@ -65,7 +65,7 @@ class RowErrors:
     def of(cls, problem: Problem, x: FloatArray, rows: Sequence[Rows]) -> RowErrors:
         """Those of a problem with all offsets of its arm, where it was linearised last."""
         velocity = _by_joints(problem, x)
-        shift = np.tile(np.eye(6)[:, :3], (len(velocity), 1, 1))
+        shift = np.tile(np.eye(6), (len(velocity), 1, 1))
         count = sum(r.line.residual.size for r in rows)
         deep = max(r.line.view.block.samples.shape[1] for r in rows)
         sample = np.zeros((deep, count), dtype=np.intp)
@@ -81,7 +81,9 @@ class RowErrors:
             by_joint[:members, mine] = _by_sample(r, velocity, looked_at)
             by_tip[:members, mine] = _by_sample(r, shift, looked_at)
             if members > 1:
-                parts += [*_measured(by_tip[:, mine], sample[:, mine], np.arange(n * size) + first)]
+                parts += [
+                    *_measured(by_tip[:, mine, :3], sample[:, mine], np.arange(n * size) + first)
+                ]
             else:
                 each = np.arange(first, first + n * size)
                 parts.append((each, np.eye(n * size), np.ones(n * size)))
@@ -142,14 +144,27 @@ class RowErrors:
         return other.combine(self.combine(every).T).T
 
     def of_sample(self, number: int) -> FloatArray:
-        """(c, d) what one sample alone may move: its row, or where its touch was."""
-        if self.combined is None:
-            at = np.flatnonzero(self.sample[0] == number)
-            columns = np.zeros((len(self.own), len(at)))
-            columns[at, np.arange(len(at))] = 1.0
-            return columns
-        moved = np.sum(self.by_tip * (self.sample == number)[:, :, None], axis=0)
-        return self.combine(moved)
+        """(c, d) what one sample alone may move: its row, where its touch was, or a whole picture.
+
+        What scatters within a picture, or what its light makes of that, is no error of it.
+        """
+        looks = self.sample == number
+        if self.combined is not None:
+            return self.combine(np.sum(self.by_tip[:, :, :3] * looks[:, :, None], axis=0))
+        at = np.flatnonzero(looks[0])
+        if len(at) > self.by_tip.shape[2]:
+            return np.asarray(self.by_tip[0] * looks[0][:, None])
+        columns = np.zeros((len(self.own), len(at)))
+        columns[at, np.arange(len(at))] = 1.0
+        return columns
+
+    @property
+    def of_samples(self) -> FloatArray | None:
+        """(c, k) the same of all samples; None where that is all of their rows."""
+        count = len(self.posture)
+        if self.combined is not None or len(self.own) <= count * self.by_tip.shape[2]:
+            return None
+        return np.hstack([self.of_sample(k) for k in range(count)])
 
 
 def _shared(

@@ -163,15 +163,19 @@ def _own(rows: NewRows, known: Container[str]) -> Iterator[Suspect]:
     frames = {name for term in rows.problem.terms for f in term.outside for name in f.names}
     own = [*rows.problem.parameters.values()][rows.problem.arm_count :]
     by_owner = dict[str, list[Parameter]]()
+    cameras = {p.owner for p in own if p.unit == "px"}
     for p in own:
         if p.name in known and p.name not in frames:
-            by_owner.setdefault(_focal(p) or p.owner, []).append(p)
+            by_owner.setdefault(_intrinsics(p, cameras) or p.owner, []).append(p)
     for owner, group in by_owner.items():
         yield _group(rows, owner, [p.name for p in group], None)
 
 
-def _focal(parameter: Parameter) -> str:
-    return "focal length" if parameter.key in FOCAL and parameter.unit == "px" else ""
+def _intrinsics(parameter: Parameter, owners: Container[str]) -> str:
+    """What a camera's intrinsics are called; empty of what are none."""
+    if parameter.key in FOCAL and parameter.unit == "px":
+        return "focal length"
+    return "lens and principal point" if parameter.owner in owners else ""
 
 
 def _links(rows: NewRows) -> Iterator[Suspect]:
@@ -227,7 +231,7 @@ def _assumed(rows: NewRows) -> Iterator[Suspect]:
         groups = dict[str, list[str]]()
         for p in estimated.own_parameters:
             if p.name not in mine:
-                groups.setdefault(_focal(p) or p.owner, []).append(p.name)
+                groups.setdefault(_intrinsics(p, ()) or p.owner, []).append(p.name)
         for owner, names in groups.items():
             at = [more.problem.names.index(name) for name in names]
             units = tuple(more.problem.parameters[name].unit for name in names)

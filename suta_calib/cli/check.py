@@ -31,6 +31,7 @@ from suta_calib.report.repair import repair_document
 @click.argument("result", type=PATH)
 @click.argument("samples", type=PATH, metavar="SAMPLES…", nargs=-1, required=True)
 @option("--like KIND", "Kind or label of the job's row that the samples are like.", default="")
+@option("--board BOARD.yaml", "Board in the pictures, where it is not the job's.", PATH)
 @option(
     "--false-alarm",
     "Probability that sound rows are said to show a change.",
@@ -47,6 +48,7 @@ def check(
     result: Path,
     samples: tuple[Path, ...],
     like: str,
+    board: Path | None,
     false_alarm: float,
     repair: bool,
     follow: bool,
@@ -57,9 +59,9 @@ def check(
     """Check whether a calibration is still right, by a few new rows.
 
     RESULT is the folder of a result, or its result.json. SAMPLES are new rows of a kind that the
-    job had; of pictures, the samples and the corners. What changed is named: base, tip, instrument,
-    camera, board, a placement, the zero of a joint, a link, the scale. The exit code is 1 if
-    something changed.
+    job had; of pictures, the samples and the corners, or the samples and the pictures. What changed
+    is named: base, tip, instrument, camera, board, a placement, the zero of a joint, a link, the
+    scale. The exit code is 1 if something changed.
 
     With --follow, SAMPLES is one file that grows, such as suta-calib measure writes it. The
     probability of a false alarm holds for all rows together, however many come.
@@ -72,7 +74,7 @@ def check(
     if follow:
         answer = _followed(written, samples[0], like, Follow(written.checker, false_alarm), seconds)
     else:
-        checking = written.checker.checking(written.terms(samples, like), false_alarm)
+        checking = written.checker.checking(written.terms(samples, like, board), false_alarm)
         answer = checking.run()
     folder, notes = written.file.parent, list[str]()
     if not no_history:
