@@ -44,6 +44,7 @@ NOT_RUN = {
     "suta-calib init my_arm.urdf --tip tool0 --kind height": "tests/test_own_kind.py",
     "suta-calib simulate gauge.yaml": "the same",
     "suta-calib calibrate heights": "the same",
+    "suta-calib check": "needs a result and new rows; tests/cli/test_check.py",
     "suta-calib outliers": "7 s; tests/cli/test_outliers.py",
     "suta-calib study": "20 s; tests/cli/test_study.py",
     "suta-calib extend": "13 s; tests/cli/test_nongeometric.py",
