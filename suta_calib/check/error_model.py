@@ -47,8 +47,8 @@ _NEAR: Final = 0.1, 0.3, 1.0, 4.0
 _REACH: Final = 0.5, 2.0
 # Powers of the standard deviations that rows state, with which they may scatter.
 _STATED: Final = 1.0, 0.5, 0.0
-# Of the probability, a part that one kind of noise must have to count.
-_COUNTS: Final = 0.05
+# The most probable kinds of noise: of many that hardly differ, so many stand for all.
+_KINDS: Final = 6
 
 
 @dataclass(frozen=True)
@@ -134,8 +134,7 @@ class ErrorModel:
             kinds.append((log, NoiseKind(0.0, stated, posture, common, reach, variance, freedom)))
         most = max(log for log, _ in kinds)
         weights = np.exp([log - most for log, _ in kinds])
-        weights /= weights.sum()
-        counted = [k for k, w in enumerate(weights) if w > _COUNTS]
+        counted = np.argsort(-weights)[:_KINDS].tolist()
         total = float(weights[counted].sum())
         return cls(
             tuple(replace(kinds[k][1], weight=float(weights[k]) / total) for k in counted),
