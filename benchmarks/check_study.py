@@ -15,6 +15,7 @@ import math
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import cache
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Final
@@ -23,6 +24,7 @@ import numpy as np
 from scipy.stats import binom
 
 from suta_calib import CalibrationJob, SolverOptions, simulate, solve
+from suta_calib.arrays import FloatArray
 from suta_calib.check import Check, Checker
 from suta_calib.simulation import read_simulation, write_simulation
 from suta_calib.terms import Term
@@ -163,6 +165,7 @@ class Made:
     checks: Sequence[Term]
 
 
+@cache
 def made(name: str, seed: int, *, lacking: bool = False) -> Made:
     """A calibration with its own truth and noise."""
     kind, random = KINDS[name], np.random.default_rng(seed)
@@ -271,11 +274,77 @@ def false_alarms(args: argparse.Namespace) -> None:
         )
 
 
-def _moved(term: Term, joint: int, angle: float) -> Term:
+def with_joint_off(term: Term, joint: int, angle: float) -> Term:
+    """All rows of an arm of which one joint reads too much."""
     samples = term.poses.samples
     q = samples.q.copy()
     q[:, joint] += angle
     return term.over_poses(term.poses.with_samples(replace(samples, q=q)))
+
+
+def with_camera_moved(term: Term, values: dict[str, float], by: FloatArray) -> Term:
+    """What a camera would have seen that was shifted, m, and turned, rad, in its own place."""
+    moved = dict(values)
+    for key, change in zip(("x", "y", "z", "rx", "ry", "rz"), by.tolist(), strict=True):
+        moved[f"hand_eye.{key}"] += change
+    before, after = (term.observed(v, term.poses) for v in (values, moved))
+    samples = term.poses.samples
+    if samples.pixels is not None:
+        assert before.pixels is not None
+        assert after.pixels is not None
+        seen = replace(samples, pixels=samples.pixels + after.pixels - before.pixels)
+    else:
+        assert samples.position is not None
+        assert before.position is not None
+        assert after.position is not None
+        position = samples.position + after.position - before.position
+        turned = np.swapaxes(before.rotation, 1, 2) @ after.rotation
+        seen = replace(samples, position=position, rotation=samples.rotation @ turned)
+    return term.over_poses(term.poses.with_samples(seen))
+
+
+def found(count: int) -> None:
+    """What of a change is found, and what it is called."""
+    random = np.random.default_rng(3)
+    # Pictures, of a real camera and as poses of a target.
+    pictures = 5
+    for name in ("camera_view", "hand_eye"):
+        for what, size in (("1 mm", 1e-3), ("0.1°", math.radians(0.1))):
+            seen = called = 0
+            for k in range(count):
+                answer = made(name, 1 + k // PER_CALIBRATION)
+                term = answer.checks[k % PER_CALIBRATION].take(np.arange(pictures))
+                direction = random.standard_normal(3)
+                by = np.zeros(6)
+                first = 0 if what.endswith("mm") else 3
+                by[first : first + 3] = size * direction / np.linalg.norm(direction)
+                values = answer.checker.solution.values
+                check = answer.checker.check(with_camera_moved(term, values, by))
+                seen += not check.unchanged
+                named = [n for c in check.changed for n in (c.what, *c.instead)]
+                called += "camera" in named
+            print(
+                f"{name}: camera moved by {what}, {pictures} pictures: found {seen} of {count}, "
+                f"camera named {called}",
+                flush=True,
+            )
+    seen = called = first_called = 0
+    for k in range(count):
+        answer = made("tracked_point", 1 + k // PER_CALIBRATION)
+        joint = k % 6
+        angle = math.radians(0.1) * random.choice([-1.0, 1.0])
+        check = answer.checker.check(
+            with_joint_off(answer.checks[k % PER_CALIBRATION], joint, angle)
+        )
+        seen += not check.unchanged
+        name = f"joint joint_{joint + 1}"
+        first_called += bool(check.changed) and check.changed[0].what == name
+        called += any(name in (c.what, *c.instead) for c in check.changed)
+    print(
+        f"tracked_point: a joint off by 0.1°, 10 touches: found {seen} of {count}, named first "
+        f"{first_called}, named {called}",
+        flush=True,
+    )
 
 
 def main() -> None:
@@ -285,7 +354,12 @@ def main() -> None:
     parser.add_argument("--checks", type=int, default=500)
     parser.add_argument("--lacking", action="store_true")
     parser.add_argument("--outliers", action="store_true")
-    false_alarms(parser.parse_args())
+    parser.add_argument("--found", action="store_true")
+    args = parser.parse_args()
+    if args.found:
+        found(args.checks)
+    else:
+        false_alarms(args)
 
 
 if __name__ == "__main__":

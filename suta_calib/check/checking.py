@@ -94,7 +94,7 @@ class FoundChange(Displayable):
             if math.isnan(self.at_tip)
             else f": {text(self.at_tip, 'm', with_unit=True)} at the tip"
         )
-        first = f"The {self.what} changed by {self.amount}{moved}."
+        first = f"The {said(self.what)} changed by {self.amount}{moved}."
         if any(abs(amount) > PLAUSIBLE.get(u, math.inf) for u, (amount, _) in self.amounts.items()):
             first += (
                 " Nothing changes by so much unnoticed: look for another unit (samples are in m "
@@ -102,7 +102,7 @@ class FoundChange(Displayable):
             )
         if not self.instead:
             return first
-        others = enumerated(self.instead, "or")
+        others = enumerated([said(name) for name in self.instead], "or")
         return f"{first} These rows cannot tell it from a change of the {others}."
 
 
@@ -160,8 +160,9 @@ class Check(Displayable):
     def assessment(self) -> Assessment:
         """``bad`` where something changed: the calibration must not be used as it is."""
         if self.changed:
+            what = enumerated([said(change.what) for change in self.changed])
             return Assessment.of(
-                f"{enumerated([c.what for c in self.changed])} changed since the calibration",
+                f"{what} changed since the calibration",
                 bad=[change.sentence for change in self.changed],
                 care=self._care,
             )
@@ -187,10 +188,15 @@ class Check(Displayable):
         least = sorted(joints, key=lambda p: -max(p.amounts.values()))[:1]
         others = [p for p in shown if p.what in _FIRST]
         return [
-            f"These rows would have shown the {p.what} off by "
+            f"These rows would have shown the {said(p.what)} off by "
             f"{enumerated([text(a, unit, with_unit=True) for unit, a in p.amounts.items()], 'or')}."
             for p in (*least, *others)
         ]
+
+
+def said(what: str) -> str:
+    """What changed as a sentence calls it: of a joint it is the zero."""
+    return what.replace("joint ", "zero of ", 1) if what.startswith("joint ") else what
 
 
 def _with_std(amount: float, std: float, unit: Unit) -> str:

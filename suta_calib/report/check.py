@@ -12,7 +12,7 @@ from suta_calib.check import Check, FoundChange, FoundPower
 from suta_calib.check.history import EarlierCheck
 from suta_calib.report.document import Document, Figure, Part, remark, section
 from suta_calib.report.listing import Column, Json, Listing, Table
-from suta_calib.units import NOTHING, Unit, text
+from suta_calib.units import NOTHING, Unit, text, unit_name
 
 NAME: Final = "check"
 
@@ -64,6 +64,7 @@ ERRORS: Final = Listing[tuple[str, float, float, Unit]](
     Column("kind", "kind", lambda row: row[0]),
     Column("before", "as calibrated", lambda row: row[1], lambda row: row[3]),
     Column("after", "with what changed", lambda row: row[2], lambda row: row[3]),
+    Column("", "unit", lambda row: unit_name(row[3])),
 )
 
 
