@@ -13,6 +13,7 @@ import numpy as np
 from suta_calib import vision
 from suta_calib.assessment import refuse_unusable
 from suta_calib.check.checking import Checker
+from suta_calib.display import Displayable
 from suta_calib.errors import InputError, SamplesError
 from suta_calib.job.calibration import CalibrationJob
 from suta_calib.job.job_terms import read_term
@@ -39,7 +40,7 @@ _READ_BACK = "read back"
 
 
 @dataclass(frozen=True, eq=False)
-class ReadBack:
+class ReadBack(Displayable):
     """A written calibration.
 
     Attributes:
@@ -178,7 +179,7 @@ def _columns(file: Path) -> set[str]:
     return set(read_csv_table(file).columns)
 
 
-def read_back(path: Path, *, anyway: bool = False) -> ReadBack:
+def read_back(path: str | Path, *, anyway: bool = False) -> ReadBack:
     """Read a result, and the job that it was made from.
 
     Args:
@@ -189,6 +190,7 @@ def read_back(path: Path, *, anyway: bool = False) -> ReadBack:
         InputError: no such result; not converged, or not to be used; or its job is not found, or
             has changed since.
     """
+    path = Path(path)
     file = path / "result.json" if path.is_dir() else path
     content = read_json_object(file)
     parameters = content.get("parameters")
