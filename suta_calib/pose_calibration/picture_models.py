@@ -7,11 +7,12 @@ pose, and a board (or a camera beside the arm) that is placed without it is seen
 there are several answers. Each is the generalised least squares of the unknowns, after which
 
 * nothing changes,
-* what stands in the base is placed anew where the pixels are best, all else held, or
-* so it is after all frames went a part of their way to where the pixels are best. With all of the
-  way that is ordinary least squares of the reprojection, the hand exactly where it says.
+* what stands in the base is placed anew where the pixels are best, all else held,
+* so it is after all frames went a part of their way to where the pixels are best, or
+* the camera's intrinsics went there too. That is ordinary least squares of the reprojection, the
+  hand exactly where it says.
 
-The first of them that predicts pictures which were left out as well as the last one is taken. A
+The first of them that predicts pictures which were left out as well as the last two is taken. A
 fold costs a solve of the normal equations: corners and levels stay, and its sums are taken out.
 """
 
@@ -35,6 +36,8 @@ from suta_calib.terms.surveyed_markers import SurveyedMarkers
 # A model whose errors of pictures left out exceed those of least squares by no more than this part
 # predicts as well: folds dealt in another way change the ratio of two models by as much.
 AS_GOOD: Final = 1.02
+# The same against least squares of the intrinsics too: they bend to take up what is an arm's error.
+AS_GOOD_AS_BENT: Final = 1.05
 FOLDS: Final = 10
 # Of the order in which poses are dealt into folds.
 SEED: Final = 0
@@ -48,10 +51,12 @@ class ErrorModel:
         base_by_pixels: whether what stands in the base is placed where the pixels are best.
         share: part of the way from the generalised least squares, 0, to that of the pixels, 1, that
             frames go before.
+        camera_by_pixels: whether the intrinsics go there too, where they are estimated.
     """
 
     base_by_pixels: bool
     share: float
+    camera_by_pixels: bool = False
 
     @property
     def name(self) -> str:
@@ -65,6 +70,7 @@ class ErrorModel:
 MODELS: Final = (
     ErrorModel(base_by_pixels=False, share=0.0),
     *(ErrorModel(base_by_pixels=True, share=share) for share in (0.0, 0.25, 0.5, 0.75, 1.0)),
+    ErrorModel(base_by_pixels=True, share=1.0, camera_by_pixels=True),
 )
 
 
@@ -146,7 +152,7 @@ class _Frames:
         if not model.base_by_pixels:
             return nothing
         jj = sums.jj[:, :p, :p].sum(axis=0)
-        by_pixels = _by_pixels(jj, self.every)
+        by_pixels = _by_pixels(jj, self.every | model.camera_by_pixels)
         part = _Placing(
             (1.0 - model.share) * np.eye(p) + model.share * by_pixels.by_step,
             model.share * by_pixels.by_pixels,
@@ -177,7 +183,9 @@ def choose_model(
     errors = _errors(rows, likelihood, eta, frames)
     model = MODELS[0]
     if errors:
-        limit = AS_GOOD * errors[MODELS[-1]].left_out
+        limit = min(
+            AS_GOOD * errors[MODELS[-2]].left_out, AS_GOOD_AS_BENT * errors[MODELS[-1]].left_out
+        )
         model = next(model for model in MODELS if errors[model].left_out <= limit)
     placing = frames.placing(likelihood.sums, model)
     return Chosen(

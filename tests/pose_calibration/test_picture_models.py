@@ -15,6 +15,8 @@ from suta_calib.pose_calibration.correlation import shared_errors
 from suta_calib.pose_calibration.picture_answer import PictureCalibration
 from suta_calib.pose_calibration.picture_models import AS_GOOD, FOLDS, MODELS, SEED
 from suta_calib.pose_calibration.picture_rows import picture_errors
+from suta_calib.report.document import Text
+from suta_calib.report.pictures import picture_document
 from suta_calib.solver.problem import Problem
 from suta_calib.solver.solve import solve
 from suta_calib.terms.external_frame import pose_named
@@ -78,6 +80,29 @@ def test_pictures_left_out_are_foretold_as_if_they_had_never_been() -> None:
     residual = picture_errors(term, whole.solution.values).residual
     rms = np.sqrt(np.mean(np.sum(residual**2, axis=1)))
     assert whole.errors[EXACT].fitted == pytest.approx(rms, rel=0.01)
+
+
+def test_intrinsics_that_are_fixed_follow_no_pixels() -> None:
+    found = solved(arm_pictures(2, geometry=1.0), intrinsics="fixed")
+    held, bent = (found.errors[model].left_out for model in MODELS[-2:])
+    assert held == pytest.approx(bent)
+    assert not found.error_model.camera_by_pixels
+
+
+@pytest.mark.slow
+def test_intrinsics_that_take_up_the_errors_of_an_arm_are_told() -> None:
+    """Only where they predict pictures left out better than any frames do."""
+    scene = arm_pictures(4, setup="eye-to-hand", geometry=1.0)
+    found = solved(scene, setup="eye-to-hand")
+    assert found.error_model.camera_by_pixels
+    assert found.left_out is not None
+    assert found.left_out < 0.96 * min(
+        error.left_out for model, error in found.errors.items() if not model.camera_by_pixels
+    )
+    said = [
+        part.text for part in picture_document(found, scene.hand).parts if isinstance(part, Text)
+    ]
+    assert any("the intrinsics take up what is an error of the arm" in text for text in said)
 
 
 def test_hands_that_err_each_for_itself_share_nothing() -> None:
