@@ -24,6 +24,7 @@ from suta_calib.geometry.numbers import homogeneous, rms_length, skew, vector_fr
 from suta_calib.measurements import Camera
 from suta_calib.pose_calibration.consensus import FALSE_ALARM
 from suta_calib.pose_calibration.eye_poses import ENOUGH, PoseBetween, relative_pose
+from suta_calib.pose_calibration.inputs import error_context
 from suta_calib.pose_calibration.pictures import Intrinsics, View
 from suta_calib.pose_calibration.rig_fit import RigProblem, RigState
 from suta_calib.terms.board_pictures import BoardPictures
@@ -176,8 +177,9 @@ def rig_from_pictures(
     pictures = [
         BoardPictures(board, camera, table) for camera, table in zip(cameras, tables, strict=True)
     ]
-    for one in pictures:
-        check_files(replace(one, pixels=one.pixels[np.isfinite(one.pixels).any(axis=(1, 2))]))
+    for view, one in zip(views, pictures, strict=True):
+        with error_context(view.corners.path):
+            check_files(replace(one, pixels=one.pixels[np.isfinite(one.pixels).any(axis=(1, 2))]))
     pictures, in_first = _linked(pictures, [view.label for view in views])
     state, usable = _start(pictures, in_first, cameras)
     problem = RigProblem(
