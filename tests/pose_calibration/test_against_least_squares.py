@@ -133,8 +133,9 @@ def scene(given: Given, seed: int) -> Scene:
     moved = hand.copy()
     moved[:, :3, :3] = hand[:, :3, :3] @ turn
     moved[:, :3, 3] += far[:, :1] * random.standard_normal((len(hand), 3))
-    fit = calibrate_camera(seen.corners, BOARD, *SIZE)
-    return Scene(given, fit.camera, seen.corners, moved, X, Z, good)
+    corners = seen.corners.take(true.inside(seen.corners.pixel))
+    fit = calibrate_camera(corners, BOARD, *SIZE)
+    return Scene(given, fit.camera, corners, moved, X, Z, good)
 
 
 def off(found: FloatArray, true: FloatArray) -> FloatArray:
