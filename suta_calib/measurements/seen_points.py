@@ -1,4 +1,4 @@
-"""Points that a depth camera saw: ``points.csv``, columns image, point, x, y, z."""
+"""What a depth camera saw: ``points.csv`` and ``planes.csv``, columns image, point, x, y, z."""
 
 from __future__ import annotations
 
@@ -31,7 +31,8 @@ class SeenPoints(Displayable):
 
     Attributes:
         image: (n,) the picture's name, or that of its cloud.
-        point: (n,) name of the point: a board's number of its corner, or what a ball is called.
+        point: (n,) name of the point: a board's number of its corner, or what a ball is called;
+            of several points on a plane, that of the plane.
         position: (n, 3) in the camera, m: x to the right, y down, z ahead.
         sigma: (n, 3) standard deviation of each coordinate, m; None where nobody says it.
         path: the file it was read from, or None.
@@ -55,8 +56,13 @@ class SeenPoints(Displayable):
         return f"image {self.image[row]}, point {self.point[row]}"
 
 
-def read_seen_points(path: str | Path) -> SeenPoints:
+def read_seen_points(path: str | Path, column: str = "point", *, once: bool = True) -> SeenPoints:
     """Read ``points.csv``; x, y, z may be in mm (``x_mm``), and sigmas may stand beside them.
+
+    Args:
+        path: of the file.
+        column: that names what was seen.
+        once: whether nothing of one name is seen twice in a picture.
 
     Raises:
         SamplesError: unreadable, a column missing, a value that is none, or a point twice in one
@@ -64,13 +70,13 @@ def read_seen_points(path: str | Path) -> SeenPoints:
     """
     table = read_csv_table(Path(path))
     image = table.labels("image", "a column with the picture's name")
-    point = table.labels("point", "a column with the point's name, or the corner's number")
+    point = table.labels(column, f"a column with the name of each {column}")
     stated = any(name in table.columns for name in position_sigma_columns())
     sigma = position_sigmas(table) if stated else None
     points = SeenPoints(image, point, positions(table), sigma, table.path, table.lines)
     first: dict[tuple[str, str], int] = {}
     for row, key in enumerate(zip(image.tolist(), point.tolist(), strict=True)):
-        if key in first:
+        if once and key in first:
             raise SamplesError(
                 f"the same point as in line {table.lines[first[key]]}",
                 "each point only once per picture",
@@ -84,12 +90,12 @@ def read_seen_points(path: str | Path) -> SeenPoints:
     return points
 
 
-def seen_points_text(points: SeenPoints) -> str:
+def seen_points_text(points: SeenPoints, column: str = "point") -> str:
     """Content of ``points.csv``; lengths to a micrometre, far below what a depth camera sees."""
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     sigmas = () if points.sigma is None else SIGMAS
-    writer.writerow(["image", "point", "x", "y", "z", *sigmas])
+    writer.writerow(["image", column, "x", "y", "z", *sigmas])
     numbers = (
         points.position if points.sigma is None else np.hstack([points.position, points.sigma])
     )
@@ -98,13 +104,13 @@ def seen_points_text(points: SeenPoints) -> str:
     return text.getvalue()
 
 
-def write_seen_points(path: Path, points: SeenPoints) -> None:
+def write_seen_points(path: Path, points: SeenPoints, column: str = "point") -> None:
     """Write ``points.csv``: `seen_points_text`.
 
     Raises:
         OutputError: the file cannot be written; what was there is untouched.
     """
-    write_text(path, seen_points_text(points))
+    write_text(path, seen_points_text(points, column))
 
 
 def seen_size(pictures: Sequence[tuple[FloatArray, FloatArray]]) -> tuple[float, float] | None:

@@ -25,6 +25,7 @@ from .line_delay import LineDelay as LineDelay
 from .observed import Observed as Observed
 from .pairwise_distance import PairwiseDistance as PairwiseDistance
 from .plane import TouchedPlane as TouchedPlane
+from .plane_view import PlaneView as PlaneView
 from .points import DepthPoints as DepthPoints
 from .poses import ArmPoses as ArmPoses
 from .poses import MeasuredPoses as MeasuredPoses

@@ -34,3 +34,9 @@ def points_in_eye(hand: Poses, eye: Poses, points: FloatArray, setup: EyeSetup) 
     rotation, position = hand if setup == EYE_TO_HAND else inverse_poses(hand)
     turned = np.einsum("nij,nj->ni", rotation, points)
     return np.asarray((turned + position - eye[1]) @ eye[0])
+
+
+def point_outside(hand: Pose, eye: Pose, point: Symbol, setup: EyeSetup) -> Symbol:
+    """The inverse of `point_in_eye`: from the eye to what does not carry it."""
+    by_carrier = eye.R @ point + eye.p
+    return hand.R @ by_carrier + hand.p if setup == EYE_IN_HAND else hand.inverse_act(by_carrier)

@@ -13,18 +13,16 @@ import numpy as np
 
 from suta_calib.arrays import FloatArray, IntArray
 from suta_calib.assessment import Level
-from suta_calib.errors import SamplesError, SutaCalibWarning
-from suta_calib.geometry.numbers import extent, register_points, vector_from_rotation
+from suta_calib.errors import SutaCalibWarning
+from suta_calib.geometry.numbers import register_points, vector_from_rotation
 from suta_calib.geometry.symbols import Symbol
-from suta_calib.measurements import Board, SampleColumns, YamlSection, read_board
-from suta_calib.measurements.depth_noise import TYPICAL, DepthNoise, ray_axes
-from suta_calib.measurements.fields import FILE, Field, Fields, Value, mapping
-from suta_calib.measurements.pose_files import FAR, NEAR
-from suta_calib.measurements.seen_points import SeenPoints, read_seen_points, seen_size, unit_hint
-from suta_calib.model.parameters import POSITION, End, Parameter
-from suta_calib.terms.block import LEARNT, Block, Noise, Pose, Residual, flat, grouped, pose_of
+from suta_calib.measurements import Board, read_board
+from suta_calib.measurements.fields import Field, Value
+from suta_calib.measurements.seen_points import seen_size, unit_hint
+from suta_calib.model.parameters import POSITION, Parameter
+from suta_calib.terms.block import Block, Pose, Residual, flat, grouped, pose_of
 from suta_calib.terms.board_pictures import QUOTED, half_turned
-from suta_calib.terms.checks import check_unit
+from suta_calib.terms.depth_term import NOISE_KEY, DepthTerm, depth_columns, file_key
 from suta_calib.terms.external_frame import (
     ExternalFrame,
     point_named,
@@ -45,13 +43,11 @@ from suta_calib.terms.hand_eye_start import (
     inverse_poses,
     some_poses,
 )
-from suta_calib.terms.instrument_terms import SEEN_UNIT
 from suta_calib.terms.length_scale import stretch_factors, stretch_parameters, stretched_point
 from suta_calib.terms.observed import Observed
-from suta_calib.terms.poses import ArmPoses, PoseSource
+from suta_calib.terms.poses import PoseSource
 from suta_calib.terms.setup import Setup
 from suta_calib.terms.target_start import instrument_and_targets
-from suta_calib.terms.term import Term
 from suta_calib.units import mm
 from suta_calib.words import listed
 
@@ -85,7 +81,7 @@ def _off(setup: EyeSetup, on_board: bool, stretched: bool) -> Residual:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class DepthPoints(BoardEyeTerm):
+class DepthPoints(DepthTerm, BoardEyeTerm):
     """``(T_base_hand,i X)⁻¹ P_k - z_ik`` for every point k that a depth camera saw at row i.
 
     X = ``T_hand_eye`` is unknown. The points P_k are anywhere, each unknown; or they are those of a
@@ -94,17 +90,7 @@ class DepthPoints(BoardEyeTerm):
     `tracked_point` with its marks, seen from the other end of the arm.
 
     The residual is along and across the ray to the point, each over its standard deviation by the
-    distance (`DepthNoise`), or in the camera's axes over what the rows state. One factor on all of
-    it is learnt. Points of one picture share where the arm really was: they are one cluster.
-
-    Attributes:
-        poses: samples with a position in the camera, and the label point; of one point without it.
-        board: whose points they are, their labels its numbers; None for points anywhere.
-        depth_noise: how it scatters by distance; learnt from the board, or else that of a typical
-            camera.
-        noise: scatter and robustness, m of a typical coordinate.
-        weights: the noise by distance that is used; rows that are taken keep that of the whole.
-        typical_sigma: as of `TrackedPoint`, of the coordinates of the residual.
+    distance (`DepthNoise`), or in the camera's axes over what the rows state.
 
     Raises:
         SamplesError: the samples hold no positions, or points that the board does not have.
@@ -118,26 +104,12 @@ class DepthPoints(BoardEyeTerm):
         "eye-to-hand the camera is beside the arm, and the points are on the tip. The poses of "
         "camera and board, or the places of the points, are estimated too"
     )
-    columns = SampleColumns(
-        position=True,
-        position_sigma=True,
-        common_labels=("point", "image"),
-        about={
-            "x, y, z": "The point in the camera: x to the right, y down, z ahead.",
-            "sigma_x, sigma_y, sigma_z": "Standard deviation of each, or one sigma of all three "
-            "(m, or mm with _mm); without them the noise follows from the distance.",
-            "point": "Name of the point: the number of the board's corner, or any name of a ball.",
-            "image": "The picture or the cloud it was seen in.",
-        },
+    columns = depth_columns(
+        "point", "Name of the point: the number of the board's corner, or any name of a ball."
     )
     mark = "point"
     keys = (
-        Field(
-            "points",
-            FILE,
-            "Points in the pictures: points.csv (image, point, x, y, z). The samples then have one "
-            "row for each picture, with its name in a column image.",
-        ),
+        file_key("point"),
         Field(
             "board",
             Value("file", lambda row, key: read_board(row.existing_file(key))),
@@ -145,13 +117,7 @@ class DepthPoints(BoardEyeTerm):
         ),
         setup_key("points"),
         TARGET_KEY,
-        Field(
-            "depth_noise",
-            mapping(DepthNoise),
-            "Standard deviation of a point by its distance. One factor on it is learnt. Default: "
-            "learnt from how the board's points scatter; without a board, that of a typical "
-            "depth camera.",
-        ),
+        NOISE_KEY,
     )
     measured_keys = ("points", "target")
     groupings: ClassVar[Mapping[str, tuple[str, ...]]] = {
@@ -161,36 +127,11 @@ class DepthPoints(BoardEyeTerm):
     }
     frames = (EYE, replace(BOARD, required=False))
 
-    depth_noise: DepthNoise | None = None
-    noise: Noise = LEARNT
-    weights: DepthNoise | None = None
-    typical_sigma: float | None = None
-
-    def __post_init__(self) -> None:
-        if self.weights is None:
-            learnt = self.depth_noise or DepthNoise.learnt(self._pictures) or TYPICAL
-            object.__setattr__(self, "weights", learnt)
-        if self.typical_sigma is None:
-            typical = float(np.exp(np.mean(np.log(self._scatter[1]))))
-            object.__setattr__(self, "typical_sigma", typical)
-        super().__post_init__()
-
     # ── from files ────────────────────────────────────────────────────────────────────────────
     @classmethod
-    def columns_in(cls, settings: Mapping[str, Any]) -> SampleColumns:
-        """One row for each picture where the points have a file of their own."""
-        if "points" not in settings:
-            return cls.columns
-        return SampleColumns(labels=("image",), about={"image": cls.columns.about["image"]})
-
-    @classmethod
     def over(cls, poses: PoseSource, setup: Setup) -> Self:
-        """Build it from a row of a job file, the points of their file in its pictures."""
-        given = dict(setup.settings)
-        file = given.pop("points", None)
-        if file is not None:
-            poses = _with_points(poses, read_seen_points(file))
-        return cls(poses, noise=setup.noise, label=setup.label, **given).numbered_alike()
+        """Build it from a row of a job file, its board numbered from one end."""
+        return super().over(poses, setup).numbered_alike()
 
     @classmethod
     def over_arrays(cls, poses: PoseSource, given: Mapping[str, Any]) -> Self:
@@ -204,7 +145,7 @@ class DepthPoints(BoardEyeTerm):
         """
         if self.board is None or not self.board.symmetric or not self._posed:
             return self
-        turns = np.array([register_points(*pair)[0] for pair in self._pictures])
+        turns = np.array([register_points(*pair)[0] for pair in self.of_bodies])
         first = np.array([rows[0] for rows in self._posed])
         hand, _ = as_eye_in_hand(self.poses.at({}), self.setup)
         turned = np.flatnonzero(half_turned(hand[first], turns, turns @ HALF_TURN))
@@ -230,12 +171,6 @@ class DepthPoints(BoardEyeTerm):
         return self.over_poses(self.poses.with_samples(samples))
 
     @classmethod
-    def read_settings(cls, row: YamlSection) -> dict[str, Any]:
-        """Its keys; where ``points`` are places by name, a simulation reads them by itself."""
-        places = isinstance(row.data.get("points"), dict)
-        return Fields(*cls.keys).values(row, without=("points",) if places else ())
-
-    @classmethod
     def marks_in(cls, settings: Mapping[str, Any]) -> Sequence[str]:
         """The corners of the board, where there is one."""
         board = settings.get("board")
@@ -243,9 +178,8 @@ class DepthPoints(BoardEyeTerm):
 
     @property
     def settings(self) -> Mapping[str, Any]:
-        """Board, where the camera is, and its noise."""
-        names = ("board", "setup", "depth_noise", "target", "weights", "typical_sigma")
-        return {name: getattr(self, name) for name in names}
+        """With the board."""
+        return {**super().settings, "board": self.board, "target": self.target}
 
     # ── who is unknown ────────────────────────────────────────────────────────────────────────
     @property
@@ -254,31 +188,16 @@ class DepthPoints(BoardEyeTerm):
         return self.board
 
     @property
-    def mark_end(self) -> End:
-        """The other end than the camera's."""
-        return self.ends[1]
-
-    @property
     def marks_on_body(self) -> bool:
         """Those of a board are."""
         return self.board is not None
-
-    @cached_property
-    def _points(self) -> tuple[list[str], IntArray]:
-        """Names of the points, and which of them each row saw, (n,); one where none is named."""
-        labels = self.poses.samples.labels.get(self.mark)
-        return ([""], np.zeros(len(self.poses), np.intp)) if labels is None else grouped(labels)
-
-    @property
-    def _point_owners(self) -> list[str]:
-        return [f"{self.mark}[{name}]" if name else self.mark for name in self._points[0]]
 
     @property
     def outside(self) -> tuple[ExternalFrame, ...]:
         """The camera, and the board or the points."""
         if self.board is not None:
             return self.eye_outside, self.board_outside
-        points = (ExternalFrame(o, self.mark, self.ends[1], POSITION) for o in self._point_owners)
+        points = (ExternalFrame(o, self.mark, self.ends[1], POSITION) for o in self.mark_owners)
         return self.eye_outside, *points
 
     @cached_property
@@ -286,24 +205,18 @@ class DepthPoints(BoardEyeTerm):
         """The pose of the camera, then the board's pose and stretch, or the points."""
         eye, board = self.frame_names
         if self.board is None:
-            points = (p for owner in self._point_owners for p in point_parameters(owner))
+            points = (p for owner in self.mark_owners for p in point_parameters(owner))
             return (*pose_parameters(eye), *points)
         stretch = stretch_parameters(board, self.stretch)
         return (*pose_parameters(eye), *pose_parameters(board), *stretch)
 
     # ── what was seen ─────────────────────────────────────────────────────────────────────────
-    @property
-    def _measured(self) -> FloatArray:
-        if self.poses.samples.position is None:
-            raise self.refuse("no positions", "columns x, y, z in the camera's frame")
-        return self.poses.samples.position
-
     @cached_property
     def _on_board(self) -> FloatArray:
         """(n, 3) where on the board the point of each row is, m."""
         assert self.board is not None
-        names, which = self._points
-        if not self.marked and not self._measured.any():
+        names, which = self.seen
+        if not self.marked and not self.in_eye.any():
             # Nobody has looked yet: its middle stands for all of it.
             return np.tile(np.mean([*self.board.points.values()], axis=0), (len(which), 1))
         places = []
@@ -319,53 +232,35 @@ class DepthPoints(BoardEyeTerm):
         return np.array(places)[which]
 
     @cached_property
-    def _picture(self) -> IntArray:
-        """(n,) which picture, from 0, each row is of: by its name, or by the rest of the arm."""
-        images = self.poses.samples.labels.get("image")
-        return self.poses.rests if images is None else grouped(images)[1]
-
-    @cached_property
-    def _pictures(self) -> list[tuple[FloatArray, FloatArray]]:
+    def of_bodies(self) -> list[tuple[FloatArray, FloatArray]]:
         """Points on the board and in the camera, of each picture that tells the board's pose."""
         if self.board is None:
             return []
-        return [(self._on_board[rows], self._measured[rows]) for rows in self._posed]
+        return [(self._on_board[rows], self.in_eye[rows]) for rows in self._posed]
 
     @cached_property
     def _posed(self) -> list[IntArray]:
         """Rows of each picture with points that are not on a line."""
-        order = np.argsort(self._picture, kind="stable")
-        ends = np.flatnonzero(np.diff(self._picture[order])) + 1
+        order = np.argsort(self.picture, kind="stable")
+        ends = np.flatnonzero(np.diff(self.picture[order])) + 1
         return [rows for rows in np.split(order, ends) if _spread_out(self._on_board[rows])]
-
-    @cached_property
-    def _scatter(self) -> tuple[FloatArray, FloatArray]:
-        """Axes (n, 3, 3) in which coordinates scatter by themselves, and (n, 3) by how much, m."""
-        stated, measured = self.poses.samples.position_sigma, self._measured
-        if stated is not None:
-            return np.tile(np.eye(3), (len(measured), 1, 1)), stated
-        assert self.weights is not None
-        return ray_axes(measured), self.weights.sigmas(measured[:, 2])
 
     @cached_property
     def blocks(self) -> tuple[Block, ...]:
         """Where points are off, across the ray and along it."""
         assert self.typical_sigma is not None
-        (axes, sigma), n, which = self._scatter, len(self.poses), self._points[1]
+        (axes, sigma), n, which = self.scatter, len(self.poses), self.seen[1]
         relative = sigma / self.typical_sigma
-        data = [self._measured, flat(axes), relative]
+        data = [self.in_eye, flat(axes), relative]
         if self.board is None:
             points = 6 + 3 * which[:, None] + np.arange(3)
             own_columns = np.hstack([np.tile(np.arange(6), (n, 1)), points])
         else:
             data.append(self._on_board)
             own_columns = np.tile(np.arange(len(self.own_parameters)), (n, 1))
-        noise = self.noise
-        if noise.sigma is None:
-            noise = replace(noise, sigma=self.typical_sigma)
         residual = _off(self.setup, self.board is not None, self.stretch is not None)
         block = Block.per_sample(
-            *("position", "m", 3, residual, own_columns, np.hstack(data), noise),
+            *("position", "m", 3, residual, own_columns, np.hstack(data), self.scaled_noise),
             self.poses.samples.origin,
         )
         return (replace(block, relative=relative, typical=self.typical_sigma),)
@@ -373,7 +268,7 @@ class DepthPoints(BoardEyeTerm):
     def readings(self, block: Block) -> IntArray:
         """A point that is seen again at the same rest is the same reading."""
         del block
-        return np.column_stack([self.poses.rests, self._points[1]])
+        return np.column_stack([self.poses.rests, self.seen[1]])
 
     def observed(self, values: Mapping[str, float], poses: PoseSource) -> Observed:
         """The points as the camera sees them; in sight are those ahead, within a cone of 62°.
@@ -391,7 +286,7 @@ class DepthPoints(BoardEyeTerm):
         in_camera = points_in_eye(poses.at(values), eye, points, self.setup)
         ahead = in_camera[:, 2] > np.linalg.norm(in_camera[:, :2], axis=1) / _EDGE
         sigma = None if self.depth_noise is None else self.depth_noise.sigmas(in_camera[:, 2])
-        return Observed(in_camera, axes=self._axes_at(in_camera), sigma=sigma, sighted=ahead)
+        return Observed(in_camera, axes=self.simulated_axes(in_camera), sigma=sigma, sighted=ahead)
 
     def _places(self, values: Mapping[str, float]) -> dict[str, FloatArray]:
         """By name, where all points are that these values know, in what carries them, m."""
@@ -405,10 +300,6 @@ class DepthPoints(BoardEyeTerm):
         factors = stretch_factors(self.own_parameters, values)
         return {str(k): R @ (factors * at) + p for k, at in self.board.points.items()}
 
-    def _axes_at(self, seen: FloatArray) -> FloatArray | None:
-        stated = self.poses.samples.position_sigma is not None
-        return None if stated else ray_axes(seen)
-
     # ── where the solver starts ───────────────────────────────────────────────────────────────
     def start(self, rotation: FloatArray, position: FloatArray) -> FloatArray:
         """By the board's pose in every picture; or of points, as targets of an instrument.
@@ -421,8 +312,8 @@ class DepthPoints(BoardEyeTerm):
         if self.board is not None and len(self._posed) >= FEWEST:
             X, Z = self._by_pictures(carrier)
             return np.concatenate([pose_values(*X), pose_values(*Z), rest])
-        which = self._points[1]
-        R, p, points = instrument_and_targets(inverse_poses(carrier), self._measured, which)
+        which = self.seen[1]
+        R, p, points = instrument_and_targets(inverse_poses(carrier), self.in_eye, which)
         eye = pose_values(*inverse_poses((R, p)))
         if self.board is None:
             return np.concatenate([eye, points.reshape(-1)])
@@ -430,34 +321,18 @@ class DepthPoints(BoardEyeTerm):
         return np.concatenate([eye, pose_values(*Z), rest])
 
     def _by_pictures(self, carrier: Poses) -> tuple[Poses, Poses]:
-        registered = [register_points(*pair) for pair in self._pictures]
+        registered = [register_points(*pair) for pair in self.of_bodies]
         poses_seen = np.array([R for R, _ in registered]), np.array([p for _, p in registered])
         first = np.array([rows[0] for rows in self._posed])
         return agreeing_hand_eye(some_poses(carrier, first), poses_seen)
 
     # ── what is refused, or doubted ───────────────────────────────────────────────────────────
-    def check_enough(self) -> None:
-        """Three pictures at least; each point anywhere seen twice; of this board, in m."""
-        pictures = len(np.unique(self._picture))
-        if pictures < FEWEST:
-            expected = f"at least {FEWEST}, with the hand turned about different axes"
-            raise self.refuse(f"points at {pictures} postures", expected)
-        names, which = self._points
-        if self.board is not None:
+    def check_marks(self) -> None:
+        """Of a board its size, of other points that each is seen again."""
+        if self.board is None:
+            super().check_marks()
+        else:
             self._check_size()
-            return
-        for name, rows in zip(names, np.bincount(which), strict=True):
-            if rows < 2:
-                raise self.refuse(
-                    f"point {name} seen once",
-                    "every point seen at least twice, because its place is unknown",
-                    hint="is its label misspelt?",
-                )
-        away = float(np.median(np.linalg.norm(self._measured, axis=1)))
-        if isinstance(self.poses, ArmPoses) and not NEAR <= away <= FAR:
-            measured = self._measured
-            expected = "the points' positions in the camera, in m"
-            check_unit(self, "the points", extent(measured), extent, expected, SEEN_UNIT)
 
     def _check_size(self) -> None:
         """Refuse points that lie apart as no points of this board do."""
@@ -480,28 +355,14 @@ class DepthPoints(BoardEyeTerm):
     @cached_property
     def _size(self) -> tuple[float, float] | None:
         """How many times as large as its file says the board is seen, with its ±."""
-        return seen_size(self._pictures)
+        return seen_size(self.of_bodies)
 
     @property
     def doubts(self) -> Mapping[str, Level]:
-        """Points behind the camera or beside it; a board of another size than its file says."""
+        """Also turns that are too small; a board of another size than its file says."""
         doubts: dict[str, Level] = dict.fromkeys(self._turned_too_little(), "care")
-        measured = self._measured
-        ahead = measured[:, 2] > np.linalg.norm(measured[:, :2], axis=1) / 2.0
-        if ahead.mean() < 0.5:
-            x_ahead = measured[:, 0] > np.linalg.norm(measured[:, 1:], axis=1) / 2.0
-            looks = (
-                "They look like a camera's body axes (x ahead, y left, z up), as ROS has them "
-                "beside the optical ones"
-                if x_ahead.mean() > 0.5
-                else "No depth camera looks there"
-            )
-            doubts[
-                f"{np.mean(~ahead):.0%} of the points are not in front of the camera (z ahead). "
-                f"{looks}: the pose of the camera is then that of this other frame, and the noise "
-                "by distance is wrong. Give the points in the optical frame: x to the right, y "
-                "down, z ahead."
-            ] = "care"
+        doubts |= super().doubts
+        measured = self.in_eye
         if self._size is not None:
             times, std = self._size
             # A tenth of a per cent is 1 mm at a metre: less is no matter with a depth camera.
@@ -532,19 +393,6 @@ class DepthPoints(BoardEyeTerm):
                 "camera is along that axis. Turn the hand about another axis too."
             )
 
-    @property
-    def misread(self) -> Iterator[tuple[str, Term]]:
-        """Mirrored."""
-        samples = self.poses.samples
-        if samples.position is None:
-            return
-        again = replace(samples, position=samples.position * [-1.0, 1.0, 1.0])
-        # Learnt anew: what is read in another way scatters in another way.
-        yield (
-            "x has the other sign: the pictures, or the clouds, are mirrored",
-            replace(self, poses=self.poses.with_samples(again), weights=None, typical_sigma=None),
-        )
-
 
 def _away(points: FloatArray) -> float:
     """Middle distance of points (n, 3), mm."""
@@ -557,38 +405,3 @@ def _spread_out(points: FloatArray) -> bool:
         return False
     singular = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
     return bool(singular[1] > _LINE * singular[0])
-
-
-def _with_points(poses: PoseSource, points: SeenPoints) -> PoseSource:
-    """A row for each point that was seen in the picture of a row; pictures by their names."""
-    images = [str(name) for name in poses.samples.labels["image"]]
-    rows: dict[str, list[int]] = {}
-    for k, name in enumerate(points.image.tolist()):
-        rows.setdefault(name, []).append(k)
-    pairs = [(row, k) for row, name in enumerate(images) for k in rows.get(name, [])]
-    if not pairs:
-        raise SamplesError(
-            f"images {listed([*dict.fromkeys(images)], 3)} in the samples and "
-            f"{listed([*rows], 3)} in the points",
-            "the same names in both",
-            file=points.path,
-            where="column 'image'",
-        )
-    lost = [name for name in dict.fromkeys(images) if name not in rows]
-    if lost:
-        warnings.warn(
-            f"{points.path or 'points'}: no points of {len(lost)} of {len({*images})} images "
-            f"({listed(lost, 3)}): they are left out",
-            SutaCalibWarning,
-            stacklevel=2,
-        )
-    row, point_row = np.array(pairs, dtype=np.intp).T
-    samples = poses.samples.take(row)
-    samples = replace(
-        samples,
-        position=points.position[point_row],
-        position_sigma=None if points.sigma is None else points.sigma[point_row],
-        labels={**samples.labels, "point": points.point[point_row]},
-        origin=[points.origin(k) for k in point_row.tolist()],
-    )
-    return poses.take(row).with_samples(samples)

@@ -18,7 +18,11 @@ import numpy as np
 import pytest
 
 from suta_calib.arrays import FloatArray
-from suta_calib.geometry.numbers import rotation_from_rpy, rotation_from_vector
+from suta_calib.geometry.numbers import (
+    rotation_from_rpy,
+    rotation_from_vector,
+    vector_turning_z_to,
+)
 from suta_calib.measurements import Artefact, Camera, Chessboard, Landmark, LengthScale, Samples
 from suta_calib.measurements.depth_noise import DepthNoise
 from suta_calib.model.arm import ArmModel
@@ -515,6 +519,58 @@ def points_scene(
     turned = np.tile(np.eye(3), (len(q), 1, 1))
     scene = Scene(
         *("points", arm, truth, q, False, place, turned, labels, ("position",)), settings=settings
+    )
+    spread = np.exp(np.random.default_rng(6).uniform(-np.log(3.0), np.log(3.0), place.shape))
+    return replace(scene, stated=5e-5 * spread) if stated else scene
+
+
+def plane_view_scene(
+    arm: ArmModel,
+    truth: dict[str, float],
+    n: int = 20,
+    *,
+    setup: str = "eye-in-hand",
+    stated: bool = False,
+) -> Scene:
+    """A depth camera on the tip sees two planes, or one beside the arm those on the tip."""
+    settings: dict[str, Any] = {"setup": setup, "depth_noise": DepthNoise((4e-5, 8e-5), 6e-5)}
+    q = random_readings(arm, np.random.default_rng(9), 60 * n)
+    (turn,), (place,) = arm.forward(q[:1], truth)
+    held = rotation_from_vector([0.1, 0.2, -1.5]), np.array([0.02, -0.05, 0.08])
+    carried = turn @ held[0], turn @ held[1] + place
+    eye, back = (
+        (held, carried)
+        if setup == "eye-in-hand"
+        else ((carried[0], carried[1] - carried[0] @ [0, 0, 0.5]), held)
+    )
+    values = {**truth, **_six("hand_eye", *eye)}
+    # At the first posture both are ahead of the camera.
+    for name, normal, away in (("A", [0.2, 0.1, 1.0], 0.6), ("B", [0.8, -0.3, 1.0], 0.5)):
+        direction = back[0] @ (normal / np.linalg.norm(normal))
+        up = np.where(direction[2] < 0, -1.0, 1.0)
+        distance = away + direction @ back[1] if setup == "eye-in-hand" else away - 0.5
+        rx, ry, _ = vector_turning_z_to(direction * up)
+        values |= {f"plane[{name}].z": float(up * distance)}
+        values |= {f"plane[{name}].rx": float(rx), f"plane[{name}].ry": float(ry)}
+    kind = KINDS["plane_view"]
+    marks = ["A", "B"] * 3
+
+    def term(q: FloatArray) -> Term:
+        labels = {"plane": marks * (len(q) // len(marks)), "image": ["0"] * len(q)}
+        blank = Samples.from_arrays(arm.joints, q, labels=labels, position=np.zeros((len(q), 3)))
+        return kind.over(ArmPoses(arm, blank), Setup(settings=settings))
+
+    every = term(np.repeat(q, len(marks), axis=0))
+    seen = every.observed(values, every.poses)
+    rows = np.flatnonzero(seen.in_sight.reshape(-1, len(marks)).all(axis=1))[:n]
+    assert len(rows) == n, f"the planes are in sight in {len(rows)} postures"
+    q = np.repeat(q[rows], len(marks), axis=0)
+    place = seen.place.reshape(-1, len(marks), 3)[rows].reshape(-1, 3)
+    labels = {"plane": marks * n, "image": [f"{k}.ply" for k in range(n) for _ in marks]}
+    turned = np.tile(np.eye(3), (len(q), 1, 1))
+    scene = Scene(
+        *("plane_view", arm, truth, q, False, place, turned, labels, ("position",)),
+        settings=settings,
     )
     spread = np.exp(np.random.default_rng(6).uniform(-np.log(3.0), np.log(3.0), place.shape))
     return replace(scene, stated=5e-5 * spread) if stated else scene

@@ -26,6 +26,7 @@ from simulated import (
     perturbed,
     placements,
     plane_scene,
+    plane_view_scene,
     points_scene,
     range_scene,
     tracked_scene,
@@ -144,6 +145,17 @@ CASES = {
     "points that state their noise": case(
         "points",
         lambda arm, truth: points_scene(arm, truth, stated=True),
+        *("joint_6.offset", "tip.y", "tip.z"),
+    ),
+    "plane_view": case("plane_view", plane_view_scene, "joint_6.offset", "tip.y", "tip.z"),
+    "plane_view of planes on the tip": case(
+        "plane_view",
+        lambda arm, truth: plane_view_scene(arm, truth, setup="eye-to-hand"),
+        *("joint_6.offset", "tip.y", "tip.z"),
+    ),
+    "plane_view that states its noise": case(
+        "plane_view",
+        lambda arm, truth: plane_view_scene(arm, truth, stated=True),
         *("joint_6.offset", "tip.y", "tip.z"),
     ),
 }

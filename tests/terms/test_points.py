@@ -18,7 +18,7 @@ from suta_calib.measurements.seen_points import SeenPoints, read_seen_points, wr
 from suta_calib.solver.problem import Problem
 from suta_calib.solver.solve import solve
 from suta_calib.terms import KINDS, ArmPoses, DepthPoints, Setup
-from suta_calib.terms.points import _with_points
+from suta_calib.terms.depth_term import with_seen
 
 BOARD = Chessboard(6, 5, 0.03)
 NOISE = DepthNoise((1e-3, 2e-3), 5e-4)
@@ -165,11 +165,11 @@ def test_pictures_without_points_are_left_out(tmp_path: Path) -> None:
         points, image=points.image[3:], point=points.point[3:], position=points.position[3:]
     )
     with pytest.warns(SutaCalibWarning, match="no points of 1 of 12 images"):
-        joined = _with_points(poses, some)
+        joined = with_seen(poses, some, "point")
     assert len(joined) == 33
     other = replace(points, image=np.array([f"x{n}" for n in points.image.tolist()]))
     with pytest.raises(SamplesError, match="the same names in both"):
-        _with_points(poses, other)
+        with_seen(poses, other, "point")
 
 
 # ── what is refused, or doubted ──────────────────────────────────────────────────────────────

@@ -1,0 +1,211 @@
+"""A depth camera or a 3-D scanner sees planes: a table, a wall, a plate."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cache, cached_property
+from typing import ClassVar, Final
+
+import casadi as ca
+import numpy as np
+
+from suta_calib.arrays import FloatArray, IntArray
+from suta_calib.geometry.numbers import right_singular, rotation_from_vector, vector_turning_z_to
+from suta_calib.geometry.symbols import Symbol, symbolic_rotation
+from suta_calib.model.parameters import Parameter
+from suta_calib.terms.block import Block, Pose, Residual, grouped, numbered, pose_of
+from suta_calib.terms.depth_term import NOISE_KEY, DepthTerm, depth_columns, file_key
+from suta_calib.terms.external_frame import (
+    ExternalFrame,
+    pose_named,
+    pose_parameters,
+    pose_values,
+)
+from suta_calib.terms.eye import point_outside
+from suta_calib.terms.eye_term import setup_key
+from suta_calib.terms.given_pose import GivenPose, PriorValue
+from suta_calib.terms.hand_eye_start import EyeSetup, as_eye_in_hand
+from suta_calib.terms.observed import Observed
+from suta_calib.terms.plane import PlaneFrame
+from suta_calib.terms.plane_start import eye_and_planes
+from suta_calib.terms.poses import PoseSource
+
+# Unknowns of a plane: those of `TouchedPlane`.
+_KEYS: Final = ("z", "rx", "ry")
+# Slope of the edge of a depth camera's view, cosine of the steepest angle at which it sees a
+# plane, and between which distances it sees, m, where it is simulated.
+_EDGE: Final = 0.4
+_STEEPEST: Final = 0.25
+_REACH: Final = (0.1, 3.0)
+
+
+@cache  # What was compiled for a residual is found again by it.
+def _height(setup: EyeSetup) -> Residual:
+    """Height of a point over its plane, over how well it is known."""
+
+    def residual(poses: Sequence[Pose], unknowns: Symbol, data: Symbol) -> Symbol:
+        point = point_outside(poses[0], pose_of(unknowns[0:6]), data[0:3], setup)
+        normal = symbolic_rotation(ca.vertcat(unknowns[7], unknowns[8], 0))[:, 2]
+        return (ca.dot(normal, point) - unknowns[6]) / data[3]
+
+    return residual
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class PlaneView(DepthTerm):
+    """``n_kᵀ T_base_hand,i X z - d_k`` for every point z on plane k that was seen at row i.
+
+    X = ``T_hand_eye`` is unknown, and so are the planes, each with the three unknowns of
+    `TouchedPlane`. With the camera beside the arm X = ``T_base_eye``, and the planes are on the
+    hand.
+
+    A plane that is fitted to a cloud is three points whose heights err independently
+    (`CloudPlane.marks`); points that somebody chose on it will do as well. The residual is over the
+    standard deviation along the normal, by the distance or as the rows state it.
+    """
+
+    kind = "plane_view"
+    order = 13
+    about = (
+        "a depth camera or a 3-D scanner on the tip saw planes that stand anywhere (a table, a "
+        "wall, a plate): three points or more on each, at x, y, z in its frame (m), as suta-calib "
+        "planes finds them in clouds. With setup: eye-to-hand the camera is beside the arm, and "
+        "the planes are on the tip. The poses of camera and planes are estimated too"
+    )
+    columns = depth_columns("plane", "Name of the plane that the point is on.")
+    mark = "plane"
+    once = False
+    keys = (file_key("plane"), setup_key("planes"), NOISE_KEY)
+    measured_keys = ("planes",)
+    groupings: ClassVar[Mapping[str, tuple[str, ...]]] = {
+        "plane": ("plane",),
+        "image": ("image",),
+        "row": (),
+    }
+
+    @property
+    def outside(self) -> tuple[ExternalFrame, ...]:
+        """The camera, and the planes."""
+        planes = (PlaneFrame(o, "plane", self.ends[1], _KEYS) for o in self.mark_owners)
+        return self.eye_outside, *planes
+
+    @cached_property
+    def own_parameters(self) -> tuple[Parameter, ...]:
+        """The pose of the camera, then the planes."""
+        (eye,) = self.frame_names
+        planes = (p for o in self.mark_owners for p in pose_parameters(o) if p.key in _KEYS)
+        return (*pose_parameters(eye), *planes)
+
+    def prior_from_pose(self, label: str, pose: GivenPose) -> dict[str, PriorValue]:
+        """As of any frame; of a plane any point of it, and its normal along z."""
+        if label not in self.seen[0] or not label:
+            return super().prior_from_pose(label, pose)
+        if pose.rotation is None:
+            expected = "rotation_rpy_deg beside position_mm: z along its normal"
+            raise self.refuse(f"a pose of plane {label} without an orientation", expected)
+        return pose.of_axis(f"{self.mark}[{label}]", 2, ("z",))
+
+    # ── what was seen ─────────────────────────────────────────────────────────────────────────
+    @cached_property
+    def _sights(self) -> IntArray:
+        """(n,) one number, from 0, for all points of one plane in one picture."""
+        return numbered(self.picture * len(self.seen[0]) + self.seen[1])[1]
+
+    @cached_property
+    def _normals(self) -> FloatArray:
+        """(n, 3) of the planes in the camera; the ray, where the points of a picture tell none."""
+        measured = self.in_eye
+        length = np.linalg.norm(measured, axis=1, keepdims=True)
+        normals = np.where(length > 0, measured / np.where(length > 0, length, 1.0), [0.0, 0, 1.0])
+        order = np.argsort(self._sights, kind="stable")
+        for rows in np.split(order, np.flatnonzero(np.diff(self._sights[order])) + 1):
+            size, vectors = right_singular(measured[rows] - measured[rows].mean(axis=0))
+            # Second over first singular value of points that are on a line.
+            line = 1e-3
+            if len(rows) >= 3 and size[1] > line * size[0]:
+                normals[rows] = vectors[2]
+        return normals
+
+    @property
+    def sigmas(self) -> FloatArray:
+        """(n, 1) standard deviations of the heights, m."""
+        axes, sigma = self.scatter
+        along = np.einsum("nij,ni->nj", axes, self._normals)
+        return np.asarray(np.linalg.norm(along * sigma, axis=1, keepdims=True))
+
+    @cached_property
+    def blocks(self) -> tuple[Block, ...]:
+        """Heights of the points over their planes."""
+        assert self.typical_sigma is not None
+        n, relative = len(self.poses), self.sigmas / self.typical_sigma
+        planes = 6 + len(_KEYS) * self.seen[1][:, None] + np.arange(len(_KEYS))
+        own_columns = np.hstack([np.tile(np.arange(6), (n, 1)), planes])
+        measured = np.hstack([self.in_eye, relative])
+        block = Block.per_sample(
+            *("distance", "m", 1, _height(self.setup), own_columns, measured, self.scaled_noise),
+            self.poses.samples.origin,
+        )
+        return (replace(block, relative=relative, typical=self.typical_sigma),)
+
+    def readings(self, block: Block) -> IntArray:
+        """The same point of a plane that is seen again at the same rest is the same reading."""
+        del block
+        order = np.argsort(self._sights, kind="stable")
+        begins = np.flatnonzero(np.diff(self._sights[order], prepend=-1))
+        place = np.arange(len(order)) - np.repeat(begins, np.diff([*begins, len(order)]))
+        number = np.empty_like(order)
+        number[order] = place
+        return np.column_stack([self.poses.rests, self.seen[1], number])
+
+    def equations(self) -> int:
+        """A plane has three numbers, however many points of it are seen at a rest."""
+        seen = np.column_stack([self.poses.rests, self.seen[1]])
+        return min(super().equations(), 3 * len(np.unique(seen, axis=0)))
+
+    def observed(self, values: Mapping[str, float], poses: PoseSource) -> Observed:
+        """Where rays of the camera meet the planes: those of what was seen, or all about."""
+        ray = _rays(poses.samples.position, len(poses))
+        labels = poses.samples.labels.get(self.mark)
+        names, which = ([""], np.zeros(len(poses), np.intp)) if labels is None else grouped(labels)
+        owners = [f"{self.mark}[{name}]" if name else self.mark for name in names]
+        unknowns = np.array([[values[f"{o}.{key}"] for key in _KEYS] for o in owners])[which]
+        turns = np.column_stack([unknowns[:, 1:], np.zeros(len(poses))])
+        normal = rotation_from_vector(turns)[:, :, 2]
+        (R, p), (rotation, position) = (
+            pose_named(values, self.frame_names[0]),
+            as_eye_in_hand(poses.at(values), self.setup),
+        )
+        # The plane in the eye: its normal, and its distance along that.
+        by_carrier = np.einsum("nji,nj->ni", rotation, normal)
+        away = unknowns[:, 0] - np.einsum("ni,ni->n", normal, position) - by_carrier @ p
+        slope = np.einsum("ni,ni->n", by_carrier @ R, ray)
+        length = away / np.where(np.abs(slope) > 1e-9, slope, 1e-9)
+        sighted = (np.abs(slope) > _STEEPEST) & (length == np.clip(length, *_REACH))
+        seen = ray * np.clip(length, *_REACH)[:, None]
+        sigma = None if self.depth_noise is None else self.depth_noise.sigmas(seen[:, 2])
+        return Observed(seen, axes=self.simulated_axes(seen), sigma=sigma, sighted=sighted)
+
+    # ── where the solver starts ───────────────────────────────────────────────────────────────
+    def start(self, rotation: FloatArray, position: FloatArray) -> FloatArray:
+        """From rotations of the camera all about; normals point up."""
+        carrier = as_eye_in_hand((rotation, position), self.setup)
+        found = eye_and_planes(carrier, self.in_eye, self.seen[1])
+        up = np.where(found.normal[:, 2] < 0, -1.0, 1.0)
+        turns = vector_turning_z_to(found.normal * up[:, None])
+        planes = np.column_stack([found.distance * up, turns[:, :2]])
+        return np.concatenate([pose_values(found.rotation, found.position), planes.reshape(-1)])
+
+
+def _rays(measured: FloatArray | None, count: int) -> FloatArray:
+    """Unit vectors (n, 3) to what was measured, or all over the view where nothing was."""
+    number = np.arange(count)
+    # Of low discrepancy, so that few rays see all of a plane (Roberts, the plastic number).
+    across, about = np.modf(np.outer([0.7548776662, 0.5698402910], number + 1))[0]
+    aside = _EDGE * np.sqrt(across)
+    angle = 2.0 * np.pi * about
+    rays = np.column_stack([aside * np.cos(angle), aside * np.sin(angle), np.ones(count)])
+    if measured is not None:
+        there = measured.any(axis=1)
+        rays[there] = measured[there]
+    return np.asarray(rays / np.linalg.norm(rays, axis=1, keepdims=True))
