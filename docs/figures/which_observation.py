@@ -95,6 +95,12 @@ SCENES = {
         "\n    points: {A: {position_mm: [600, 200, -100]}}",
         "",
     ),
+    "plane_view": (
+        "\n    samples: 60\n    camera_pose: {position_mm: [20, -50, 80]}"
+        "\n    planes: {A: {position_mm: [0, 0, -200]}, "
+        "B: {position_mm: [900, 0, 0], rotation_rpy_deg: [0, 90, 0]}}",
+        "",
+    ),
 }
 
 

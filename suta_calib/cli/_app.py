@@ -40,6 +40,7 @@ COMMANDS: Final = {
     "pivot": "Find the tip of a tracked tool that pivots about a point.",
     "detect": "Find the corners of a board in pictures, and the camera.",
     "balls": "Find balls in clouds of points from a depth camera.",
+    "planes": "Find a plane in clouds of points from a depth camera or a scanner.",
     "hand-eye": "Find the pose of a camera: AX=XB or AX=ZB.",
     "rig": "Find the poses between cameras that saw a board together.",
     "register": "Find the rigid transform between corresponding points.",

@@ -16,6 +16,7 @@ import numpy as np
 from suta_calib.atomic import check_folder
 from suta_calib.errors import OutputError
 from suta_calib.inputs import UrdfFile, XacroFile
+from suta_calib.measurements.csv_table import number_in
 from suta_calib.measurements.scale import INSTRUMENT_PPM
 from suta_calib.model.arm import ArmModel
 from suta_calib.units import from_mm
@@ -113,6 +114,15 @@ def option(
 def flag(switch: str, about: str, *, name: str = "") -> Callable[[Command], Command]:
     """An option without a value: it is given or not."""
     return option(switch, about, name=name, is_flag=True)
+
+
+def length_unit(value: str) -> float:
+    """How many m one step of the depth is: a unit by its name, or a number."""
+    step = {"mm": 1e-3, "m": 1.0}.get(value) or number_in(value)
+    # From a micrometre to a metre.
+    if not 1e-6 <= step <= 1.0:
+        raise click.BadParameter(f"found {value!r}; expected mm, m, or the m of a step: 0.0002")
+    return step
 
 
 def numbers_of(text: str) -> list[float]:

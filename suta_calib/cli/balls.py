@@ -3,19 +3,20 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import click
 
-from suta_calib.atomic import check_outputs
+from suta_calib.cli._clouds import cloud_options, clouds_to_read
 from suta_calib.cli._options import PATH, WRITTEN, Folder, option
 from suta_calib.cli._output import LateProgress, answer_command
-from suta_calib.errors import InputError, OutputError
+from suta_calib.errors import InputError
 from suta_calib.measurements.csv_table import number_in
 from suta_calib.measurements.seen_points import write_seen_points
 from suta_calib.report.balls import balls_document
 from suta_calib.report.document import Document
 from suta_calib.units import from_mm
-from suta_calib.vision.balls import find_balls, find_clouds
+from suta_calib.vision.balls import find_balls
 
 
 def _radii(given: tuple[str, ...]) -> dict[str, float]:
@@ -45,30 +46,25 @@ def _radii(given: tuple[str, ...]) -> dict[str, float]:
     name="given",
 )
 @option("--out POINTS.csv", "File for the centres that are found.", WRITTEN, name="file")
-@option(
-    "--unit UNIT",
-    "Unit of the clouds: m or mm; default: m.",
-    click.Choice(["m", "mm"]),
-)
+@cloud_options
 @option("--report DIR", "Write balls.json and report.html there.", Folder(), name="out")
 def balls(
-    clouds: tuple[Path, ...], given: tuple[str, ...], file: Path | None, unit: str | None
+    clouds: tuple[Path, ...],
+    given: tuple[str, ...],
+    file: Path | None,
+    **reading: Any,
 ) -> Document:
     """Find balls in clouds of points, each centre with its ±.
 
-    CLOUDS are files (PLY, PCD, NPY) or folders of them, in the frame of the camera that saw them.
+    CLOUDS are files (PLY, PCD, NPY) or folders of them, in the frame of the camera that saw them;
+    with --camera also pictures of depth.
     Jobs of points read the file of the centres. A ball is white and matt, and at least half of it
     is seen. The exit code is 2 if no ball is in any cloud.
     """
     radii = _radii(given)
-    if file is not None and (not file.parent.is_dir() or file.is_dir()):
-        what = "a folder" if file.is_dir() else f"no folder {file.parent}"
-        raise OutputError(f"{file}: found {what}; expected a file in an existing folder")
-    found_files = find_clouds(clouds)
-    check_outputs([file] if file else [], [*found_files.values()])
-    step = None if unit is None else {"m": 1.0, "mm": 1e-3}[unit]
+    reader, found_files = clouds_to_read(clouds, file, **reading)
     with LateProgress("searching") as progress:
-        search = find_balls(found_files, radii, step, progress)
+        search = find_balls(found_files, radii, reader, progress)
     answer = balls_document(search)
     written: dict[str, str] = {}
     if file is not None:

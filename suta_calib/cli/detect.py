@@ -9,7 +9,7 @@ import click
 
 from suta_calib.assessment import Assessment
 from suta_calib.atomic import check_outputs
-from suta_calib.cli._options import PATH, WRITTEN, Folder, flag, option, page_options
+from suta_calib.cli._options import PATH, WRITTEN, Folder, flag, length_unit, option, page_options
 from suta_calib.cli._output import (
     LateProgress,
     answer_command,
@@ -21,7 +21,6 @@ from suta_calib.errors import BoardError, InputError, OutputError
 from suta_calib.geometry.lens import LENSES
 from suta_calib.guide.live_pictures import LiveOptions, LivePictures
 from suta_calib.measurements import Board, read_board, read_camera, write_camera, write_corners
-from suta_calib.measurements.csv_table import number_in
 from suta_calib.measurements.seen_points import write_seen_points
 from suta_calib.report.detect import detect_document
 from suta_calib.report.document import Document
@@ -33,15 +32,6 @@ from suta_calib.vision import (
     find_pictures,
 )
 from suta_calib.vision import detect as detected
-
-
-def _unit(value: str) -> float:
-    """How many m one step of the depth is: a unit by its name, or a number."""
-    step = {"mm": 1e-3, "m": 1.0}.get(value) or number_in(value)
-    # From a micrometre to a metre.
-    if not 1e-6 <= step <= 1.0:
-        raise click.BadParameter(f"found {value!r}; expected mm, m, or the m of a step: 0.0002")
-    return step
 
 
 @answer_command
@@ -72,7 +62,7 @@ def _unit(value: str) -> float:
     "--depth-unit UNIT",
     "Unit of the depth: mm, m, or how many m one step is, such as 0.0002; default: mm for whole "
     "numbers, m for others.",
-    _unit,
+    length_unit,
     name="step",
 )
 @option("--points-out POINTS.csv", "File for the corners in 3-D, of --depth.", WRITTEN)

@@ -7,6 +7,7 @@ much that is not needed, so it is read here.
 from __future__ import annotations
 
 import io
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
@@ -14,17 +15,57 @@ import numpy as np
 from numpy.typing import NDArray
 
 from suta_calib.arrays import FloatArray
+from suta_calib.display import Displayable
 from suta_calib.errors import InputError
 from suta_calib.measurements.files import read_bytes
 from suta_calib.measurements.pose_files import FAR
 from suta_calib.optional_packages import load
 
 SUFFIXES: Final = frozenset({".ply", ".pcd", ".npy"})
+# What is nearer no depth camera sees, m.
+_NEAREST: Final = 0.02
 _PCD_TYPES: Final = {"F": "f", "I": "i", "U": "u"}
 
 
-def read_cloud(path: Path, unit: float | None = None) -> FloatArray:
-    """Points (n, 3), m, of a cloud; those that are not finite, or at the origin, are left out.
+@dataclass(frozen=True, eq=False)
+class Cloud(Displayable):
+    """Points that were seen from the origin.
+
+    Attributes:
+        points: (n, 3), m.
+        dropped: how many more have no place: coordinates that are zero or not finite.
+    """
+
+    points: FloatArray
+    dropped: int
+
+    @classmethod
+    def of(cls, raw: Any, step: float, path: Path, hint: str) -> Cloud:
+        """Rows (n, 3), of which some have no place, in units of ``step``, m.
+
+        Raises:
+            InputError: without points, or in another unit; ``hint`` is what to do then.
+        """
+        rows = np.asarray(raw, dtype=float).reshape(-1, 3)
+        there = np.isfinite(rows).all(axis=1) & rows.any(axis=1)
+        if not there.any():
+            what = f"{len(rows)} points, all of them zero or not finite" if len(rows) else "none"
+            raise InputError(f"a cloud without points ({what})", "points in front of it", file=path)
+        points = np.asarray(rows[there] * step, dtype=np.float64)
+        away = float(np.median(np.linalg.norm(points, axis=1)))
+        if not _NEAREST <= away <= FAR:
+            looks = "it looks like mm" if away > FAR else "it looks like m, read in a smaller unit"
+            raise InputError(
+                f"points {away:.3g} m away (median)",
+                "a cloud in m",
+                file=path,
+                hint=f"{looks}: {hint}",
+            )
+        return cls(points, int(np.sum(~there)))
+
+
+def read_cloud(path: Path, unit: float | None = None) -> Cloud:
+    """A cloud of points.
 
     Args:
         path: of a .ply, .pcd or .npy file: (n, 3) or (height, width, 3), or fields x, y and z.
@@ -52,22 +93,8 @@ def read_cloud(path: Path, unit: float | None = None) -> FloatArray:
             f"a cloud as {path.suffix.lower()[1:].upper()}, with x, y and z",
             file=path,
         ) from None
-    points = np.asarray(raw, dtype=float).reshape(-1, 3)
-    there = np.isfinite(points).all(axis=1) & points.any(axis=1)
-    if not there.any():
-        what = f"{len(points)} points, all of them zero or not finite" if len(points) else "none"
-        raise InputError(f"a cloud without points ({what})", "points in front of it", file=path)
-    points = np.asarray(points[there] * (1.0 if unit is None else unit), dtype=np.float64)
-    away = float(np.median(np.linalg.norm(points, axis=1)))
-    # No depth camera looks so far.
-    if away > FAR:
-        raise InputError(
-            f"points {away:.3g} m away (median)",
-            "a cloud in m",
-            file=path,
-            hint="it looks like mm: give --unit mm" if unit is None else "check --unit",
-        )
-    return points
+    hint = "give --unit mm" if unit is None else "check --unit"
+    return Cloud.of(raw, 1.0 if unit is None else unit, path, hint)
 
 
 def _ply(data: bytes) -> Any:

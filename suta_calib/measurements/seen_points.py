@@ -91,16 +91,17 @@ def read_seen_points(path: str | Path, column: str = "point", *, once: bool = Tr
 
 
 def seen_points_text(points: SeenPoints, column: str = "point") -> str:
-    """Content of ``points.csv``; lengths to a micrometre, far below what a depth camera sees."""
+    """Content of ``points.csv``; lengths to 0.1 µm, far below what a depth camera sees."""
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     sigmas = () if points.sigma is None else SIGMAS
     writer.writerow(["image", column, "x", "y", "z", *sigmas])
-    numbers = (
-        points.position if points.sigma is None else np.hstack([points.position, points.sigma])
-    )
+    # No depth camera is better than that, however many points make a plane.
+    least = 1e-6
+    parts = () if points.sigma is None else (np.maximum(points.sigma, least),)
+    numbers = np.hstack([points.position, *parts])
     for image, point, row in zip(points.image, points.point, numbers, strict=True):
-        writer.writerow([image, point, *(f"{number:.6f}" for number in row)])
+        writer.writerow([image, point, *(f"{number:.7f}" for number in row)])
     return text.getvalue()
 
 

@@ -223,14 +223,13 @@ def own_values(plan: SetSpec, term: Term) -> dict[str, float]:
     """
     here = PoseSpec(np.eye(3), np.zeros(3))
     stated = {frame.owner: plan.frames.get(frame.key, here) for frame in term.frames}
-    stated |= {f"{term.mark}[{label}]": pose for label, pose in plan.marks.items()}
     values = {p.name: p.nominal for p in term.unknowns}
     for owner, pose in stated.items():
         six = pose_values(pose.rotation, pose.position).tolist()
         values |= {p.name: v for p, v in zip(pose_parameters(owner), six, strict=True)}
-    if term.place_unknown:
-        for label, pose in plan.places.items():
-            rotation = pose.rotation if term.place_turns else None
-            priors = term.prior_from_pose(label, GivenPose(pose.position, rotation))
-            values |= {name: prior.value for name, prior in priors.items()}
+    there = {**plan.marks, **(plan.places if term.place_unknown else {})}
+    for label, pose in there.items():
+        rotation = pose.rotation if term.mark or term.place_turns else None
+        priors = term.prior_from_pose(label, GivenPose(pose.position, rotation))
+        values |= {name: prior.value for name, prior in priors.items()}
     return values

@@ -40,6 +40,11 @@ PLAIN_SIGMA: Final = 1e-3
 ENOUGH: Final = 10_000
 
 
+def assumed_sigma(block: Block) -> float:
+    """Noise level of a block of which no job says it, m, rad or as its numbers are."""
+    return block.assumed or DEFAULT_SIGMA.get(block.unit, PLAIN_SIGMA)
+
+
 @dataclass(frozen=True, eq=False)
 class Part:
     """A problem over some of another's samples.
@@ -147,8 +152,8 @@ class Problem:
         return {name: float(v) for name, v in zip(self.names, x, strict=True)}
 
     def assumed_sigmas(self) -> list[float]:
-        """Noise level of each block as the job gives it, or `DEFAULT_SIGMA`."""
-        return [b.noise.sigma or DEFAULT_SIGMA.get(b.unit, PLAIN_SIGMA) for b in self.blocks]
+        """Noise level of each block as the job gives it, or `assumed_sigma`."""
+        return [b.noise.sigma or assumed_sigma(b) for b in self.blocks]
 
     def prior_precision(self) -> FloatArray:
         """1/prior² per parameter (n,), zero where nothing is known beforehand."""

@@ -124,6 +124,8 @@ class Block(Displayable):
         lag: (n,) how much later than its sample each row was seen, in units of an own unknown of
             the term's clock, such as rows of a picture; None where all rows are of one moment.
         typical: what rows of the whole set typically state, m or rad; one where they state none.
+        assumed: standard deviation of a component where `noise` says none, m or rad; None for that
+            of any block of its unit.
     """
 
     name: str
@@ -141,6 +143,7 @@ class Block(Displayable):
     relative: FloatArray = field(default_factory=lambda: np.ones((1, 1)))
     typical: float = 1.0
     lag: FloatArray | None = None
+    assumed: float | None = None
 
     @classmethod
     def per_sample(

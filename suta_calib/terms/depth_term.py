@@ -20,7 +20,7 @@ from suta_calib.measurements.fields import FILE, Field, Fields, mapping
 from suta_calib.measurements.pose_files import FAR, NEAR
 from suta_calib.measurements.seen_points import SeenPoints, read_seen_points
 from suta_calib.model.parameters import End
-from suta_calib.terms.block import LEARNT, Noise, grouped
+from suta_calib.terms.block import LEARNT, Block, Noise, grouped
 from suta_calib.terms.checks import check_unit
 from suta_calib.terms.eye_term import EyeTerm
 from suta_calib.terms.hand_eye_start import FEWEST
@@ -179,10 +179,18 @@ class DepthTerm(EyeTerm):
         return self.scatter[1]
 
     @property
-    def scaled_noise(self) -> Noise:
-        """The noise of the residual, which begins at what is typical."""
-        noise = self.noise
-        return noise if noise.sigma is not None else replace(noise, sigma=self.typical_sigma)
+    def relative(self) -> FloatArray:
+        """(n, d) `sigmas`, over what is typical."""
+        assert self.typical_sigma is not None
+        return np.asarray(self.sigmas / self.typical_sigma)
+
+    def by_distance(self, block: Block) -> Block:
+        """A block whose residual has been divided by `relative`."""
+        assert self.typical_sigma is not None
+        # However many points a cloud has, no camera and no arm errs by less.
+        least = 1e-4
+        assumed = max(self.typical_sigma, least)
+        return replace(block, relative=self.relative, typical=self.typical_sigma, assumed=assumed)
 
     def simulated_axes(self, seen: FloatArray) -> FloatArray | None:
         """Axes (n, 3, 3) in which points that are simulated scatter."""

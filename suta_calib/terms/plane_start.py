@@ -4,12 +4,14 @@
 
 For a rotation R of the eye and planes that are known, t and all d are linear; for an eye that is
 known each plane is that of least squares through its points. Many rotations all about begin so, in
-turn, and the best of them go on by Gauss and Newton. What the poses leave undetermined stays small.
+turn, and the best of them go on by Gauss and Newton. An eye is near its carrier, as far as heights
+that are left say nothing else: what the poses leave undetermined stays small.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Final
 
 import numpy as np
@@ -27,8 +29,14 @@ _ROTATIONS: Final = 500
 _BEST: Final = 6
 # Rows that choose the rotation, of many.
 _ROWS: Final = 400
-# Relative singular value below which a direction is not determined at all.
+# Singular value, of the largest, that is rounding.
 _ROUNDING: Final = 1e-9
+# How far an eye is from the origin of its carrier, m, where nothing else is known.
+_NEAR: Final = 0.3
+# Standard deviation from which on a motion of the eye is not determined, m; and what an angle is
+# worth beside a length, m per rad: how far the eye looks.
+_OPEN: Final = 0.02
+_LEVER: Final = 0.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,6 +54,11 @@ class EyeAndPlanes:
     position: FloatArray
     normal: FloatArray
     distance: FloatArray
+
+    @cached_property
+    def across(self) -> FloatArray:
+        """(k, 2, 3) two directions in each plane."""
+        return np.array([right_singular(normal[None])[1][1:] for normal in self.normal])
 
 
 def eye_and_planes(carrier: Poses, points: FloatArray, plane: IntArray) -> EyeAndPlanes:
@@ -87,13 +100,16 @@ def _by_turns(
     """Planes for a place of the eye, and its place for planes, in turn; and what is left, m²."""
     rotation, position = carrier
     turned = np.einsum("nij,nj->ni", rotation, points @ R.T) + position
-    t = np.zeros(3)
+    t: FloatArray = np.zeros(3)
     for _ in range(3):
-        normal, _ = _planes(turned + rotation @ t, plane)
+        normal, distance = _planes(turned + rotation @ t, plane)
         of_row = normal[plane]
-        columns = np.einsum("nij,ni->nj", rotation, of_row)
-        height = np.einsum("ni,ni->n", of_row, turned)
-        t = -_solved(_without_means(columns, plane), _without_means(height[:, None], plane)[:, 0])
+        columns = _without_means(np.einsum("nij,ni->nj", rotation, of_row), plane)
+        height = np.asarray(np.einsum("ni,ni->n", of_row, turned))
+        off = height + np.einsum("ni,nij,j->n", of_row, rotation, t) - distance[plane]
+        prior = float(off @ off) / len(off) / _NEAR**2 + 1e-12
+        pull = columns.T @ _without_means(height[:, None], plane)[:, 0]
+        t = np.asarray(-np.linalg.solve(columns.T @ columns + prior * np.eye(3), pull))
     at = turned + rotation @ t
     normal, distance = _planes(at, plane)
     left = np.einsum("ni,ni->n", normal[plane], at) - distance[plane]
@@ -112,41 +128,32 @@ def _descended(
     carrier: Poses, points: FloatArray, plane: IntArray, first: EyeAndPlanes
 ) -> tuple[float, EyeAndPlanes]:
     """Sum of squared heights, m², and the end of a descent by Levenberg and Marquardt."""
-    rotation, position = carrier
-    count = len(first.distance)
-
-    def heights(eye: EyeAndPlanes) -> tuple[FloatArray, FloatArray, FloatArray]:
-        lever = points @ eye.rotation.T
-        at = np.einsum("nij,nj->ni", rotation, lever + eye.position) + position
-        left = np.einsum("ni,ni->n", eye.normal[plane], at) - eye.distance[plane]
-        return left, at, lever
-
-    eye, damping = first, 1e-3
-    left, at, lever = heights(eye)
+    eye, damping = first, 1e-2
+    left, columns = _linearised(carrier, points, plane, eye)
     for _ in range(40):
-        seen = np.einsum("nij,ni->nj", rotation, eye.normal[plane])
-        across = np.array([right_singular(n[None])[1][1:] for n in eye.normal])
-        columns = np.zeros((len(left), 6 + 3 * count))
-        columns[:, :3], columns[:, 3:6] = np.cross(lever, seen), seen
-        rows, begin = np.arange(len(left)), 6 + 3 * plane
-        for k in range(2):
-            columns[rows, begin + k] = np.einsum("ni,ni->n", across[plane, k], at)
-        columns[rows, begin + 2] = -1.0
-        square, pull = columns.T @ columns, columns.T @ left
-        scale = np.maximum(np.diag(square), 1e-12)
-        step = -np.linalg.solve(square + damping * np.diag(scale), pull)
-        moved = eye.normal + np.einsum("kj,kji->ki", step[6:].reshape(-1, 3)[:, :2], across)
+        scale = np.maximum(np.linalg.norm(columns, axis=0), 1e-6)
+        # What is left weighs the prior of the place of the eye.
+        root = float(np.sqrt(left @ left / len(left))) / _NEAR
+        prior = np.eye(3, columns.shape[1]) * root
+        basis, size, vectors = np.linalg.svd(np.vstack([columns, prior]) / scale, False)
+        told = np.where(size > _ROUNDING * size[0], size / (size**2 + damping), 0.0)
+        every = np.concatenate([left, root * eye.position])
+        step = -(vectors.T @ (told * (basis.T @ every))) / scale
+        of_planes = step[6:].reshape(-1, 3)
+        moved = eye.normal + np.einsum("kj,kji->ki", of_planes[:, :2], eye.across)
         other = EyeAndPlanes(
-            rotation_from_vector(step[:3]) @ eye.rotation,
-            eye.position + step[3:6],
+            rotation_from_vector(step[3:6]) @ eye.rotation,
+            eye.position + step[:3],
             moved / np.linalg.norm(moved, axis=1, keepdims=True),
-            eye.distance + step[8::3],
+            eye.distance + of_planes[:, 2],
         )
-        after = heights(other)
-        before = float(left @ left)
-        gained = before - float(after[0] @ after[0])
+        after = _linearised(carrier, points, plane, other)
+        before = float(every @ every)
+        gained = (
+            before - float(after[0] @ after[0]) - root**2 * float(other.position @ other.position)
+        )
         if gained > 0:
-            eye, (left, at, lever), damping = other, after, max(damping / 5.0, 1e-12)
+            eye, (left, columns), damping = other, after, max(damping / 5.0, 1e-12)
         else:
             damping *= 10.0
         # A step that takes no more of the squared heights is the last.
@@ -155,6 +162,47 @@ def _descended(
     return float(left @ left), eye
 
 
-def _solved(columns: FloatArray, right: FloatArray) -> FloatArray:
-    """Smallest solution (m,) of equations (n, m)."""
-    return np.asarray(np.linalg.lstsq(columns, right, rcond=_ROUNDING)[0])
+def _linearised(
+    carrier: Poses, points: FloatArray, plane: IntArray, eye: EyeAndPlanes
+) -> tuple[FloatArray, FloatArray]:
+    """Heights (n,), m, and their derivatives (n, 6 + 3k): by the eye, place first, and planes."""
+    rotation, position = carrier
+    lever = points @ eye.rotation.T
+    at = np.einsum("nij,nj->ni", rotation, lever + eye.position) + position
+    of_row = eye.normal[plane]
+    seen = np.einsum("nij,ni->nj", rotation, of_row)
+    columns = np.zeros((len(points), 6 + 3 * len(eye.distance)))
+    columns[:, :3], columns[:, 3:6] = seen, np.cross(lever, seen)
+    rows, begin = np.arange(len(points)), 6 + 3 * plane
+    for k in range(2):
+        columns[rows, begin + k] = np.einsum("ni,ni->n", eye.across[plane, k], at)
+    columns[rows, begin + 2] = -1.0
+    return np.einsum("ni,ni->n", of_row, at) - eye.distance[plane], columns
+
+
+def open_motions(
+    carrier: Poses, points: FloatArray, plane: IntArray, eye: EyeAndPlanes
+) -> FloatArray:
+    """Motions of the eye that the planes do not see, whatever the planes do then.
+
+    Returns:
+        (k, 6) orthonormal: displacements in the axes of the carrier, and turns about these, of
+        which a radian counts as `_LEVER`.
+    """
+    left, columns = _linearised(carrier, points, plane, eye)
+    of_eye = columns[:, :6] / np.repeat([1.0, _LEVER], 3)
+    # Planes follow: only what they cannot take up is seen of the eye. Each by itself, about its
+    # middle, so that lengths are alike.
+    followed = of_eye.copy()
+    for k in range(len(eye.distance)):
+        rows = np.flatnonzero(plane == k)
+        mine = columns[rows][:, 6 + 3 * k : 9 + 3 * k]
+        mine = np.column_stack([mine[:, :2] - mine[:, :2].mean(axis=0), mine[:, 2]])
+        basis, size, _ = np.linalg.svd(mine, full_matrices=False)
+        basis = basis[:, size > _ROUNDING * size[0]]
+        followed[rows] -= basis @ (basis.T @ followed[rows])
+    _, size, vectors = np.linalg.svd(followed)
+    freedom = max(len(left) - columns.shape[1], 1)
+    # No depth camera and no arm errs by less than a tenth of a millimetre.
+    scatter = max(float(np.sqrt(left @ left / freedom)), 1e-4)
+    return np.asarray(vectors[scatter > _OPEN * size])

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cache, cached_property
 from typing import ClassVar, Final
 
@@ -11,6 +11,7 @@ import casadi as ca
 import numpy as np
 
 from suta_calib.arrays import FloatArray, IntArray
+from suta_calib.assessment import Level
 from suta_calib.geometry.numbers import right_singular, rotation_from_vector, vector_turning_z_to
 from suta_calib.geometry.symbols import Symbol, symbolic_rotation
 from suta_calib.model.parameters import Parameter
@@ -25,14 +26,16 @@ from suta_calib.terms.external_frame import (
 from suta_calib.terms.eye import point_outside
 from suta_calib.terms.eye_term import setup_key
 from suta_calib.terms.given_pose import GivenPose, PriorValue
-from suta_calib.terms.hand_eye_start import EyeSetup, as_eye_in_hand
+from suta_calib.terms.hand_eye_start import EyeSetup, Poses, as_eye_in_hand
 from suta_calib.terms.observed import Observed
 from suta_calib.terms.plane import PlaneFrame
-from suta_calib.terms.plane_start import eye_and_planes
+from suta_calib.terms.plane_start import EyeAndPlanes, eye_and_planes, open_motions
 from suta_calib.terms.poses import PoseSource
 
 # Unknowns of a plane: those of `TouchedPlane`.
 _KEYS: Final = ("z", "rx", "ry")
+# Part of a motion from which on it is worth a word.
+_SHARE: Final = 0.2
 # Slope of the edge of a depth camera's view, cosine of the steepest angle at which it sees a
 # plane, and between which distances it sees, m, where it is simulated.
 _EDGE: Final = 0.4
@@ -66,7 +69,7 @@ class PlaneView(DepthTerm):
     """
 
     kind = "plane_view"
-    order = 13
+    order = 14
     about = (
         "a depth camera or a 3-D scanner on the tip saw planes that stand anywhere (a table, a "
         "wall, a plate): three points or more on each, at x, y, z in its frame (m), as suta-calib "
@@ -137,16 +140,15 @@ class PlaneView(DepthTerm):
     @cached_property
     def blocks(self) -> tuple[Block, ...]:
         """Heights of the points over their planes."""
-        assert self.typical_sigma is not None
-        n, relative = len(self.poses), self.sigmas / self.typical_sigma
+        n = len(self.poses)
         planes = 6 + len(_KEYS) * self.seen[1][:, None] + np.arange(len(_KEYS))
         own_columns = np.hstack([np.tile(np.arange(6), (n, 1)), planes])
-        measured = np.hstack([self.in_eye, relative])
+        measured = np.hstack([self.in_eye, self.relative])
         block = Block.per_sample(
-            *("distance", "m", 1, _height(self.setup), own_columns, measured, self.scaled_noise),
+            *("distance", "m", 1, _height(self.setup), own_columns, measured, self.noise),
             self.poses.samples.origin,
         )
-        return (replace(block, relative=relative, typical=self.typical_sigma),)
+        return (self.by_distance(block),)
 
     def readings(self, block: Block) -> IntArray:
         """The same point of a plane that is seen again at the same rest is the same reading."""
@@ -189,12 +191,55 @@ class PlaneView(DepthTerm):
     # ── where the solver starts ───────────────────────────────────────────────────────────────
     def start(self, rotation: FloatArray, position: FloatArray) -> FloatArray:
         """From rotations of the camera all about; normals point up."""
-        carrier = as_eye_in_hand((rotation, position), self.setup)
-        found = eye_and_planes(carrier, self.in_eye, self.seen[1])
+        found = self._found((rotation, position))
         up = np.where(found.normal[:, 2] < 0, -1.0, 1.0)
         turns = vector_turning_z_to(found.normal * up[:, None])
         planes = np.column_stack([found.distance * up, turns[:, :2]])
         return np.concatenate([pose_values(found.rotation, found.position), planes.reshape(-1)])
+
+    def _found(self, hand: Poses) -> EyeAndPlanes:
+        return eye_and_planes(as_eye_in_hand(hand, self.setup), self.in_eye, self.seen[1])
+
+    # ── what is doubted ───────────────────────────────────────────────────────────────────────
+    @property
+    def doubts(self) -> Mapping[str, Level]:
+        """Also what of the camera's pose is open, because the planes were tilted too little."""
+        hand = self.poses.at({})
+        carrier = as_eye_in_hand(hand, self.setup)
+        motions = open_motions(carrier, self.in_eye, self.seen[1], self._found(hand))
+        if not len(motions):
+            return super().doubts
+        return {self._left_open(motions): "care", **super().doubts}
+
+    def _left_open(self, motions: FloatArray) -> str:
+        """What motions (k, 6) of the camera leave open, in a sentence."""
+        carrier = self.poses.label("the tip", "tip") if self.ends[0] == "tip" else "the base"
+        place, turn = motions[:, :3], motions[:, 3:]
+        parts = [
+            *([f"where the camera is{_directions(place, 'along')}"] if _large(place) else []),
+            *([f"how it is turned{_directions(turn, 'about')}"] if _large(turn) else []),
+        ]
+        return (
+            f"These planes do not determine {', nor '.join(parts)} (in the axes of {carrier}): "
+            "they were seen too much alike. What is stated of the camera and of the planes in "
+            "these directions is arbitrary. Tilt the hand by tens of degrees, about two axes and "
+            "by different angles, or let the camera see another plane that is square to the first."
+        )
+
+
+def _large(parts: FloatArray) -> bool:
+    return bool(np.linalg.norm(parts) > _SHARE)
+
+
+def _directions(parts: FloatArray, word: str) -> str:
+    """Of displacements or turns (k, 3), along or about what they are; empty for all directions."""
+    size, vectors = right_singular(parts)
+    count = int(np.sum(size > _SHARE * size[0]))
+    if count == 3:
+        return ""
+    axis = vectors[0] if count == 1 else vectors[2]
+    shown = "({:.2f} {:.2f} {:.2f})".format(*(axis * np.sign(axis[np.argmax(np.abs(axis))]) + 0.0))
+    return f" {word} {shown}" if count == 1 else f" {word} what is square to {shown}"
 
 
 def _rays(measured: FloatArray | None, count: int) -> FloatArray:

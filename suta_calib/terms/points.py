@@ -248,10 +248,8 @@ class DepthPoints(DepthTerm, BoardEyeTerm):
     @cached_property
     def blocks(self) -> tuple[Block, ...]:
         """Where points are off, across the ray and along it."""
-        assert self.typical_sigma is not None
-        (axes, sigma), n, which = self.scatter, len(self.poses), self.seen[1]
-        relative = sigma / self.typical_sigma
-        data = [self.in_eye, flat(axes), relative]
+        (axes, _), n, which = self.scatter, len(self.poses), self.seen[1]
+        data = [self.in_eye, flat(axes), self.relative]
         if self.board is None:
             points = 6 + 3 * which[:, None] + np.arange(3)
             own_columns = np.hstack([np.tile(np.arange(6), (n, 1)), points])
@@ -260,10 +258,10 @@ class DepthPoints(DepthTerm, BoardEyeTerm):
             own_columns = np.tile(np.arange(len(self.own_parameters)), (n, 1))
         residual = _off(self.setup, self.board is not None, self.stretch is not None)
         block = Block.per_sample(
-            *("position", "m", 3, residual, own_columns, np.hstack(data), self.scaled_noise),
+            *("position", "m", 3, residual, own_columns, np.hstack(data), self.noise),
             self.poses.samples.origin,
         )
-        return (replace(block, relative=relative, typical=self.typical_sigma),)
+        return (self.by_distance(block),)
 
     def readings(self, block: Block) -> IntArray:
         """A point that is seen again at the same rest is the same reading."""

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
@@ -12,12 +11,13 @@ import numpy as np
 
 from suta_calib.assessment import Assessment
 from suta_calib.display import Displayable
-from suta_calib.errors import InputError, SamplesError
+from suta_calib.errors import SamplesError
 from suta_calib.geometry.ball import Ball, ball_in
-from suta_calib.measurements.cloud_files import SUFFIXES, read_cloud
+from suta_calib.measurements.cloud_files import Cloud
 from suta_calib.measurements.seen_points import SeenPoints
-from suta_calib.threads import usable_cores
 from suta_calib.units import mm
+from suta_calib.vision.clouds import POINT_FILES, CloudReader, dropped_words
+from suta_calib.vision.clouds import searched as searched_clouds
 from suta_calib.words import listed
 
 # Points of a rival, of those of the ball, from which on either may be the one.
@@ -33,6 +33,7 @@ class SearchedCloud(Displayable):
         image: what the cloud is called.
         name: what the ball is called.
         radius: of the ball, m.
+        kept, dropped: points of the cloud, and those of it without a place.
         ball: where it is; None where it was not found.
         reason: why not; empty where it was.
     """
@@ -40,6 +41,8 @@ class SearchedCloud(Displayable):
     image: str
     name: str
     radius: float
+    kept: int
+    dropped: int
     ball: Ball | None = None
     reason: str = ""
 
@@ -61,37 +64,10 @@ class BallSearch(Displayable):
     assessment: Assessment
 
 
-def find_clouds(paths: Iterable[Path]) -> dict[str, Path]:
-    """Clouds by the names of their files, of files and of folders, in order.
-
-    Raises:
-        InputError: no such file, no cloud in a folder, or two of one name.
-    """
-    clouds = dict[str, Path]()
-    for path in paths:
-        files = [path]
-        if path.is_dir():
-            files = sorted(f for f in path.iterdir() if f.suffix.lower() in SUFFIXES)
-            if not files:
-                kinds = ", ".join(sorted(SUFFIXES))
-                raise InputError("a folder without clouds", f"files such as {kinds}", file=path)
-        for file in files:
-            if not file.is_file():
-                raise InputError("no such file", "a cloud, or a folder of clouds", file=file)
-            if clouds.setdefault(file.name, file) != file:
-                raise InputError(
-                    f"two clouds called {file.name}",
-                    "each name once",
-                    file=file,
-                    hint="each cloud is known by its file's name: give the file another one",
-                )
-    return clouds
-
-
 def find_balls(
     clouds: Mapping[str, Path],
     radii: Mapping[str, float],
-    unit: float | None = None,
+    reader: CloudReader = POINT_FILES,
     progress: Callable[[int, int], None] | None = None,
 ) -> BallSearch:
     """Find balls in clouds.
@@ -99,30 +75,21 @@ def find_balls(
     Args:
         clouds: files by name.
         radii: of the balls by name, m.
-        unit: as of `read_cloud`.
+        reader: how they are read.
         progress: is told how many clouds are done, and of how many.
 
     Raises:
         InputError: a cloud cannot be read, or no ball is in any of them.
     """
 
-    def search(image: str) -> list[SearchedCloud]:
-        points = read_cloud(clouds[image], unit)
+    def search(image: str, cloud: Cloud) -> list[SearchedCloud]:
         return [
-            _searched(image, name, radius, ball_in(points, radius))
+            _searched(image, name, radius, ball_in(cloud.points, radius), cloud)
             for name, radius in radii.items()
         ]
 
-    searched = list[SearchedCloud]()
-    with ThreadPoolExecutor(usable_cores()) as pool:
-        try:
-            for done, each in enumerate(pool.map(search, clouds), 1):
-                searched += each
-                if progress is not None:
-                    progress(done, len(clouds))
-        except BaseException:
-            pool.shutdown(cancel_futures=True)
-            raise
+    found = searched_clouds(clouds, reader, search, progress)
+    searched = [each for of_cloud in found for each in of_cloud]
     balls = [(each, each.ball) for each in searched if each.ball is not None]
     if not balls:
         raise SamplesError(
@@ -138,15 +105,20 @@ def find_balls(
         np.array([ball.centre for _, ball in balls]),
         np.array([ball.sigma for _, ball in balls]),
     )
+    kept, dropped = np.sum([(of[0].kept, of[0].dropped) for of in found], axis=0).tolist()
     sentence = f"{len(balls)} of {len(searched)} balls found in {len(clouds)} clouds."
-    return BallSearch(
-        len(clouds), searched, points, Assessment.of(sentence, care=_notes(searched, radii))
+    assessment = Assessment.of(
+        sentence + dropped_words(dropped, kept), care=_notes(searched, radii)
     )
+    return BallSearch(len(clouds), searched, points, assessment)
 
 
-def _searched(image: str, name: str, radius: float, ball: Ball | None) -> SearchedCloud:
+def _searched(
+    image: str, name: str, radius: float, ball: Ball | None, cloud: Cloud
+) -> SearchedCloud:
     reason = "" if ball else f"no ball of radius {mm(radius):.4g} mm"
-    return SearchedCloud(image, name, radius, ball, reason)
+    kept = len(cloud.points)
+    return SearchedCloud(image, name, radius, kept, cloud.dropped, ball, reason)
 
 
 def _notes(searched: Sequence[SearchedCloud], radii: Mapping[str, float]) -> list[str]:

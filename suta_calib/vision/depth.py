@@ -185,7 +185,7 @@ def board_depth(
     images = [name for name in corners.images if name in files]
     for done, name in enumerate(images, 1):
         depth, mine = read_depth(files[name], step), np.flatnonzero(corners.image == name)
-        _check_shape(depth, camera, files[name])
+        check_shape(depth, camera, files[name])
         located, reasons = corners_in_depth(depth, corners.pixel[mine], camera)
         lost.update(reason for reason in reasons if reason)
         there = np.isfinite(located[:, 2])
@@ -219,14 +219,14 @@ def board_depth(
     return BoardDepth(points, dict(lost), rms, size, tuple(notes))
 
 
-def _check_shape(depth: FloatArray, camera: Camera, path: Path) -> None:
+def check_shape(depth: FloatArray, camera: Camera, path: Path) -> None:
     """Refuse depth that is not of the same picture, smaller or larger."""
     height, width = depth.shape
     # Rounding of a size that was halved and halved again.
     same = abs(width * camera.height - height * camera.width) <= max(camera.width, camera.height)
     if not same:
         raise InputError(
-            f"depth of {width}x{height} px where the pictures have {camera.width}x{camera.height}",
+            f"depth of {width}x{height} px where the camera has {camera.width}x{camera.height}",
             "depth that belongs to the picture pixel by pixel, or a smaller copy of that",
             file=path,
             hint="align the depth with the colour first: ROS has depth/aligned_depth_to_color and "

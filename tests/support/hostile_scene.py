@@ -126,6 +126,7 @@ GIVEN = {
         ("left.csv", "right.csv", "rig_board.yaml", "rig_camera.yaml"),
         "--out",
     ),
+    "planes": Given(("cloud.pcd",), ("cloud.pcd",), "--out", out_is_file=True),
     "register": Given(("a.csv", "b.csv"), ("a.csv", "b.csv"), "--out"),
     "stereotactic": Given(
         ("cis",), tuple(f"cis-{k}.txt" for k in ("calbody", "calreadings", "empivot")), "--out"

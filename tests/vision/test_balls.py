@@ -17,7 +17,7 @@ from suta_calib.errors import InputError
 from suta_calib.geometry.ball import ball_in
 from suta_calib.measurements.cloud_files import read_cloud
 from suta_calib.measurements.seen_points import read_seen_points
-from suta_calib.vision.balls import find_clouds
+from suta_calib.vision.clouds import find_clouds
 
 BESIDE = np.array([-0.12, 0.05, 0.0])
 
@@ -118,7 +118,7 @@ def pcd(how: str) -> bytes:
 def test_pcd_is_read(how: str, tmp_path: Path) -> None:
     path = tmp_path / "a.pcd"
     path.write_bytes(pcd(how))
-    np.testing.assert_allclose(read_cloud(path), KEPT, rtol=1e-6)
+    np.testing.assert_allclose(read_cloud(path).points, KEPT, rtol=1e-6)
     path.write_bytes(pcd(how)[:-5])
     with pytest.raises(InputError, match=r"a\.pcd"):
         read_cloud(path)
@@ -131,10 +131,10 @@ def test_ply_is_read(tmp_path: Path) -> None:
     header = f"ply\nformat {{}}\nelement vertex 4\n{axes}end_header\n"
     rows = "".join(f"{x} {y} {z}\n" for x, y, z in POINTS)
     path.write_text(header.format("ascii 1.0") + rows)
-    np.testing.assert_allclose(read_cloud(path), KEPT, rtol=1e-6)
+    np.testing.assert_allclose(read_cloud(path).points, KEPT, rtol=1e-6)
     binary = header.format("binary_little_endian 1.0").encode() + POINTS.astype("<f4").tobytes()
     path.write_bytes(binary)
-    np.testing.assert_allclose(read_cloud(path), KEPT, rtol=1e-6)
+    np.testing.assert_allclose(read_cloud(path).points, KEPT, rtol=1e-6)
     path.write_bytes(binary[:-4])
     with pytest.raises(InputError, match="a file that cannot be read"):
         read_cloud(path)
@@ -143,16 +143,16 @@ def test_ply_is_read(tmp_path: Path) -> None:
 def test_arrays_are_read(tmp_path: Path) -> None:
     path = tmp_path / "a.npy"
     np.save(path, np.hstack([POINTS, np.ones((4, 1))]).reshape(2, 2, 4))
-    np.testing.assert_allclose(read_cloud(path), KEPT)
+    np.testing.assert_allclose(read_cloud(path).points, KEPT)
     fields = np.zeros(4, dtype=[("x", "f4"), ("y", "f4"), ("z", "f4"), ("rgb", "u4")])
     for axis, values in zip("xyz", POINTS.T, strict=True):
         fields[axis] = values
     np.save(path, fields)
-    np.testing.assert_allclose(read_cloud(path), KEPT, rtol=1e-6)
+    np.testing.assert_allclose(read_cloud(path).points, KEPT, rtol=1e-6)
     np.save(path, 1000.0 * POINTS)
     with pytest.raises(InputError, match="looks like mm"):
         read_cloud(path)
-    np.testing.assert_allclose(read_cloud(path, 1e-3), KEPT)
+    np.testing.assert_allclose(read_cloud(path, 1e-3).points, KEPT)
 
 
 @pytest.mark.parametrize(

@@ -13,7 +13,7 @@ from suta_calib.analysis import outliers
 from suta_calib.arrays import FloatArray
 from suta_calib.assessment import Assessment, judged
 from suta_calib.display import Displayable
-from suta_calib.solver.problem import DEFAULT_SIGMA, PLAIN_SIGMA
+from suta_calib.solver.problem import assumed_sigma
 from suta_calib.solver.solution import Solution
 from suta_calib.terms import Term, every_grouping
 from suta_calib.units import Unit, mm, shown, unit_name
@@ -378,7 +378,7 @@ def _size(value: float, unit: Unit, form: str) -> str:
 def _expected(term: Term) -> float:
     """Noise that the job states for the first block, or that is usual."""
     block = term.blocks[0]
-    return block.noise.sigma or DEFAULT_SIGMA.get(block.unit, PLAIN_SIGMA)
+    return block.noise.sigma or assumed_sigma(block)
 
 
 def _gross(term: TermOutliers) -> str:

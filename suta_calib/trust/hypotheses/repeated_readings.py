@@ -61,7 +61,8 @@ def _repeated(term: Term) -> BoolArray:
         return _scattered(group, np.nanmean(samples.pixels, axis=1), 20.0)
     if samples.position is not None:
         # What has another label may be another target, or seen from elsewhere.
-        group = grouped_rows(np.column_stack([group, place]))[0]
+        readings = term.readings(term.blocks[0])
+        group = grouped_rows(np.column_stack([group, place, readings]))[0]
         return _scattered(group, samples.position, 0.01)
     if term.medium == "touch" and not samples.numbers and not may_read_alike(samples):
         return np.asarray(_extent(group, place[:, None].astype(float)) > 0)
