@@ -24,8 +24,8 @@ from suta_calib.geometry.numbers import (
 )
 from suta_calib.terms.hand_eye_start import Poses
 
-# Rotations that are tried, some 20° apart, and those of them that go on.
-_ROTATIONS: Final = 500
+# Rotations that are tried, some 25° apart, and those of them that go on.
+_ROTATIONS: Final = 250
 _BEST: Final = 6
 # Rows that choose the rotation, of many.
 _ROWS: Final = 400
