@@ -65,7 +65,7 @@ class PlaneView(DepthTerm):
 
     A plane that is fitted to a cloud is three points whose heights err independently
     (`CloudPlane.marks`); points that somebody chose on it will do as well. The residual is over the
-    standard deviation along the normal, by the distance or as the rows state it.
+    standard deviation along the ray, by the distance or as the rows state it.
     """
 
     kind = "plane_view"
@@ -115,26 +115,14 @@ class PlaneView(DepthTerm):
         """(n,) one number, from 0, for all points of one plane in one picture."""
         return numbered(self.picture * len(self.seen[0]) + self.seen[1])[1]
 
-    @cached_property
-    def _normals(self) -> FloatArray:
-        """(n, 3) of the planes in the camera; the ray, where the points of a picture tell none."""
-        measured = self.in_eye
-        length = np.linalg.norm(measured, axis=1, keepdims=True)
-        normals = np.where(length > 0, measured / np.where(length > 0, length, 1.0), [0.0, 0, 1.0])
-        order = np.argsort(self._sights, kind="stable")
-        for rows in np.split(order, np.flatnonzero(np.diff(self._sights[order])) + 1):
-            size, vectors = right_singular(measured[rows] - measured[rows].mean(axis=0))
-            # Second over first singular value of points that are on a line.
-            line = 1e-3
-            if len(rows) >= 3 and size[1] > line * size[0]:
-                normals[rows] = vectors[2]
-        return normals
-
     @property
     def sigmas(self) -> FloatArray:
-        """(n, 1) standard deviations of the heights, m."""
+        """(n, 1) standard deviations of the heights, m: those along the rays.
+
+        Along the normal they are less, by the cosine of a tilt that some rows do not tell.
+        """
         axes, sigma = self.scatter
-        along = np.einsum("nij,ni->nj", axes, self._normals)
+        along = np.einsum("nij,ni->nj", axes, _rays(self.in_eye, len(sigma)))
         return np.asarray(np.linalg.norm(along * sigma, axis=1, keepdims=True))
 
     @cached_property

@@ -32,9 +32,7 @@ from simulated import (
     tracked_scene,
 )
 
-from suta_calib.geometry.numbers import rotation_from_vector
 from suta_calib.model.arm import ArmModel
-from suta_calib.model.parameters import PLACEMENT
 from suta_calib.solver.losses import huber_threshold
 from suta_calib.solver.problem import Problem
 from suta_calib.terms import KINDS, GivenPose, Noise, Term
@@ -191,12 +189,12 @@ def truth_of(problem: Problem, name: str) -> np.ndarray:
 def given_as_it_is(term: Term, truth: dict[str, float], std: float | None = None) -> Term:
     """The term with every place or frame of its own given where it truly is."""
     values, given = term.start_values(truth), {}
+    poses = {frame.owner: frame.pose(values) for frame in term.outside}
     for owner in dict.fromkeys(p.owner for p in term.own_parameters if p.key):
-        six = np.array([values.get(f"{owner}.{key}", np.nan) for key in PLACEMENT])
         label = owner.partition("[")[2].rstrip("]")
         frames = [f.key for f in term.frames if f.owner == owner]
         if frames or (label in term.places[0] if term.place else label):
-            turn = rotation_from_vector(six[3:]) if np.isfinite(six).all() else None
+            turn, position = poses[owner]
             unsure = None if std is None else np.full(3, std)
-            given[frames[0] if frames else label] = GivenPose(six[:3], turn, unsure)
+            given[frames[0] if frames else label] = GivenPose(position, turn, unsure)
     return replace(term, given=given)
