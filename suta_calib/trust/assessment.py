@@ -53,7 +53,9 @@ def assess_calibration(examined: CalibrationExamination) -> Assessment:
     # What explains residuals that are far too large is said before them.
     first = named if foremost or any(item.bad for item in contradicting) else []
     against = [
-        (item.without_guess if foremost else item.sentence, item.bad) for item in contradicting
+        (item.without_guess if foremost else item.sentence, item.bad)
+        for item in contradicting
+        if not (foremost and item.of_scale)
     ]
     worse = "The calibrated arm is worse than the nominal arm on the validation data."
     fitted_only = (
@@ -97,7 +99,8 @@ def assess_calibration(examined: CalibrationExamination) -> Assessment:
         *priors.care,
         *accuracy.unjudged,
     ]
-    (bad or care)[:0] = first
+    alone_bad = bool(first) and foremost is not None and foremost.level == "bad"
+    (bad if bad or alone_bad else care)[:0] = first
     return Assessment.of(
         solution.sentence,
         bad=bad,

@@ -52,11 +52,13 @@ class Contradiction:
         bad: whether the answer must not be used because of it.
         finding: what disagrees, and by how much.
         guess: at the cause, which is not said where another cause is found; empty for none.
+        of_scale: whether it is about the scale of lengths, which other causes look like.
     """
 
     bad: bool
     finding: str
     guess: str = ""
+    of_scale: bool = False
 
     @property
     def sentence(self) -> str:
@@ -290,6 +292,7 @@ def _scales(solution: Solution) -> Iterator[Contradiction]:
             size > 5e-3 and not of_arm and not weak,
             f"{sentence}. Check the scale and the certificate of the artefact or instrument, and "
             "whether the URDF is of another arm.",
+            of_scale=True,
         )
     beyond = None if named else beyond_drawing(solution)
     if beyond is not None and beyond.gain > SCALE_GAIN:

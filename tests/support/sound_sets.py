@@ -18,6 +18,7 @@ from simulated import (
     dh_parameters,
     perturbed,
     placements,
+    points_scene,
     tracked_scene,
 )
 from terms_cases import given_as_it_is, scene
@@ -178,6 +179,7 @@ PAIRS = Sound(
     HandEye.simulate(40).truth,
 )
 BOARD = of_scene(camera_scene(ARM, TRUTH, 20), UNKNOWN)
+DEPTH = of_scene(points_scene(ARM, TRUTH, 20, board=True), UNKNOWN)
 SENSOR = TiltSensor("base_link", ("ax", "ay", "az"))
 FELT = ARM.with_tilt_sensors([SENSOR])
 
@@ -208,6 +210,7 @@ SORTS: dict[str, Sound] = {
     "surveyed": SURVEYED,
     "bounded": BOUNDED,
     "leaning": LEANING,
+    "depth": DEPTH,
 }
 # Sorts of data that can have the fault, by the hypothesis's name, where a tracked arm cannot.
 SCENES: dict[str, tuple[str, ...]] = {
@@ -215,6 +218,7 @@ SCENES: dict[str, tuple[str, ...]] = {
     "scale between two sets": ("points",),
     "strain between two sets": ("points",),
     "scale of depth": ("pairs",),
+    "depth camera": ("depth",),
     "moved": ("pivot", "points", "pairs"),
     "outliers in a block": ("pivot", "points", "pairs"),
     "exchanged targets": ("marked",),
