@@ -28,7 +28,11 @@ from suta_calib.terms.instrument_terms import SEEN_UNIT
 from suta_calib.terms.poses import ArmPoses, PoseSource
 from suta_calib.terms.setup import Setup
 from suta_calib.terms.term import Term
+from suta_calib.units import mm
 from suta_calib.words import listed
+
+# Steps of depth are 1, 0.25, 0.2 or 0.1 mm: how many times as far away points are by another one.
+_STEPS: Final = (0.1, 0.2, 0.25, 4.0, 5.0, 10.0)
 
 NOISE_KEY: Final = Field(
     "depth_noise",
@@ -221,6 +225,32 @@ class DepthTerm(EyeTerm):
         if isinstance(self.poses, ArmPoses) and not NEAR <= away <= FAR:
             expected = "the points' positions in the camera, in m"
             check_unit(self, "the points", extent(measured), extent, expected, SEEN_UNIT)
+        self._check_step()
+
+    def _check_step(self) -> None:
+        """Refuse depths that fit the arm in another step, and not as they are."""
+        off, away = self._misfit(1.0), float(np.median(np.linalg.norm(self.in_eye, axis=1)))
+        # So much of the distance is no error of an arm, nor of a camera.
+        if off < 0.05 * away:
+            return
+        better = {factor: self._misfit(factor) for factor in _STEPS}
+        best = min(better, key=lambda factor: better[factor])
+        # What fits five times better is no chance.
+        if better[best] < 0.2 * off:
+            raise self.refuse(
+                f"{self.mark}s that differ from where the arm has them by {mm(off):.3g} mm, and by "
+                f"{mm(better[best]):.3g} mm if all are {best:g} times as far away",
+                "points in m",
+                hint="one step of the depth has another length: give it with --unit where the "
+                "clouds are read (suta-calib balls, planes), or with --depth-unit (detect)",
+            )
+
+    def _misfit(self, factor: float) -> float:
+        """Middle distance of what was seen, so many times as far away, from the closed form, m."""
+        samples = replace(self.poses.samples, position=self.in_eye * factor)
+        term = replace(self, poses=self.poses.with_samples(samples))
+        expected = term.observed(term.start_values({}), term.poses).place
+        return float(np.median(np.linalg.norm(expected - term.in_eye, axis=1)))
 
     @property
     def doubts(self) -> Mapping[str, Level]:

@@ -41,6 +41,8 @@ _SHARE: Final = 0.2
 _EDGE: Final = 0.4
 _STEEPEST: Final = 0.25
 _REACH: Final = (0.1, 3.0)
+# A plane that a ray does not meet is farther away than anything, m.
+_BEYOND: Final = 100.0
 
 
 @cache  # What was compiled for a residual is found again by it.
@@ -172,7 +174,7 @@ class PlaneView(DepthTerm):
         slope = np.einsum("ni,ni->n", by_carrier @ R, ray)
         length = away / np.where(np.abs(slope) > 1e-9, slope, 1e-9)
         sighted = (np.abs(slope) > _STEEPEST) & (length == np.clip(length, *_REACH))
-        seen = ray * np.clip(length, *_REACH)[:, None]
+        seen = ray * np.clip(length, -_BEYOND, _BEYOND)[:, None]
         sigma = None if self.depth_noise is None else self.depth_noise.sigmas(seen[:, 2])
         return Observed(seen, axes=self.simulated_axes(seen), sigma=sigma, sighted=sighted)
 

@@ -134,6 +134,13 @@ def test_mirrored_clouds_are_read_otherwise() -> None:
     assert solved(other).noise[0] < 0.1 * solved(wrong).noise[0]
 
 
+def test_another_step_of_the_depth_is_named() -> None:
+    term = seen_from(TILTS)
+    samples = replace(term.poses.samples, position=0.2 * term.in_eye)
+    with pytest.raises(SamplesError, match="if all are 5 times as far away"):
+        replace(term, poses=term.poses.with_samples(samples)).check_enough()
+
+
 def test_a_plane_that_is_known_is_held() -> None:
     term = seen_from(TILTS)
     turn = rotation_from_vector([-np.arctan2(0.02, 1.0), np.arctan2(0.05, 1.0), 0.0])

@@ -15,6 +15,8 @@ from suta_calib.geometry.numbers import rotation_from_vector
 from suta_calib.measurements import Chessboard, Samples, write_board, write_samples
 from suta_calib.measurements.depth_noise import DepthNoise, ray_axes
 from suta_calib.measurements.seen_points import SeenPoints, read_seen_points, write_seen_points
+from suta_calib.model.parameters import Selection
+from suta_calib.solver.options import SolverOptions
 from suta_calib.solver.problem import Problem
 from suta_calib.solver.solve import solve
 from suta_calib.terms import KINDS, ArmPoses, DepthPoints, Setup
@@ -196,6 +198,27 @@ def test_another_unit_is_named_by_the_board(factor: float, words: str) -> None:
 def test_millimetres_of_balls_are_named() -> None:
     with pytest.raises(SamplesError, match=r"scatter by .* mm about their middle"):
         scaled(scene().exact(), 1000.0).check_enough()
+
+
+@pytest.mark.parametrize(("factor", "right"), [(10.0, "0.1"), (0.25, "4")])
+def test_another_step_of_the_depth_is_named(factor: float, right: str) -> None:
+    """As 0.1 mm for 1 mm, which no unit tells apart."""
+    with pytest.raises(SamplesError, match=f"if all are {right} times as far away.*--unit"):
+        scaled(scene().exact(), factor).check_enough()
+
+
+@pytest.mark.parametrize("longer", [1.01, 0.985])
+def test_a_scale_of_the_depth_is_named_as_the_cause(longer: float) -> None:
+    """And not an arm or a board that is too long, which it looks like."""
+    arm = arm_named("ur5")
+    held = arm.select(Selection("*.offset", prior_rad=2e-4))
+    sound = with_noise(points_scene(arm, {}, n=12).exact(), DepthNoise((2e-4, 5e-4), 3e-4), 1)
+    solution = solve(Problem([scaled(sound, longer)], held), SolverOptions(starts=1, confirm=False))
+    assessment = solution.assessment
+    assert assessment.level == "bad"
+    assert assessment.notes[0].startswith("All depths of the depth camera seem to be")
+    assert f"too {'long' if longer > 1 else 'short'}" in assessment.notes[0]
+    assert not any("if all lengths" in note for note in assessment.notes)
 
 
 def test_a_scale_of_the_depth_is_doubted() -> None:

@@ -75,12 +75,14 @@ class DepthCamera(AddedVariable):
                 yield Effect(what, answer.by_terms(longer), about=about)
 
     def level(self, evidence: Evidence) -> Level:
-        """``bad`` from half a per cent on: X is then off by millimetres."""
+        """``bad`` from half a per cent on: X is off by millimetres; beyond a tenth no scale."""
         camera: _Camera = evidence.effect.about
         scale = evidence.effect.name == SCALE
         by = abs(float(evidence.size[0])) / (1.0 if scale else camera.away)
-        much, least = 5e-3, 1e-3
-        return "bad" if by > much else "care" if by > least else "good"
+        most, much, least = 0.1, 5e-3, 1e-3
+        if not least < by < most:
+            return "good"
+        return "bad" if by > much else "care"
 
     def sentence(self, evidence: Evidence) -> str:
         """By how much, what it means, and what to do."""
