@@ -34,10 +34,17 @@ class Cloud(Displayable):
     Attributes:
         points: (n, 3), m.
         dropped: how many more have no place: coordinates that are zero or not finite.
+        outside: how many more are nearer or farther than what counts.
     """
 
     points: FloatArray
     dropped: int
+    outside: int = 0
+
+    @property
+    def count(self) -> int:
+        """Of all points."""
+        return len(self.points) + self.dropped + self.outside
 
     @classmethod
     def of(cls, raw: Any, step: float, path: Path, hint: str) -> Cloud:

@@ -33,7 +33,7 @@ class SearchedCloud(Displayable):
         image: what the cloud is called.
         name: what the ball is called.
         radius: of the ball, m.
-        kept, dropped: points of the cloud, and those of it without a place.
+        count, dropped: points of the cloud, and those of it without a place.
         ball: where it is; None where it was not found.
         reason: why not; empty where it was.
     """
@@ -41,7 +41,7 @@ class SearchedCloud(Displayable):
     image: str
     name: str
     radius: float
-    kept: int
+    count: int
     dropped: int
     ball: Ball | None = None
     reason: str = ""
@@ -105,10 +105,10 @@ def find_balls(
         np.array([ball.centre for _, ball in balls]),
         np.array([ball.sigma for _, ball in balls]),
     )
-    kept, dropped = np.sum([(of[0].kept, of[0].dropped) for of in found], axis=0).tolist()
+    count, dropped = np.sum([(of[0].count, of[0].dropped) for of in found], axis=0).tolist()
     sentence = f"{len(balls)} of {len(searched)} balls found in {len(clouds)} clouds."
     assessment = Assessment.of(
-        sentence + dropped_words(dropped, kept), care=_notes(searched, radii)
+        sentence + dropped_words(dropped, count), care=_notes(searched, radii)
     )
     return BallSearch(len(clouds), searched, points, assessment)
 
@@ -117,8 +117,7 @@ def _searched(
     image: str, name: str, radius: float, ball: Ball | None, cloud: Cloud
 ) -> SearchedCloud:
     reason = "" if ball else f"no ball of radius {mm(radius):.4g} mm"
-    kept = len(cloud.points)
-    return SearchedCloud(image, name, radius, kept, cloud.dropped, ball, reason)
+    return SearchedCloud(image, name, radius, cloud.count, cloud.dropped, ball, reason)
 
 
 def _notes(searched: Sequence[SearchedCloud], radii: Mapping[str, float]) -> list[str]:

@@ -55,15 +55,15 @@ class CloudReader(Displayable):
         )
         near, far = self.reach
         away = np.linalg.norm(cloud.points, axis=1)
-        points = cloud.points[(away >= near) & (away <= far)]
-        if not len(points):
+        inside = (away >= near) & (away <= far)
+        if not inside.any():
             raise InputError(
                 f"no point from {near:g} to {far:g} m away",
                 "points in the range that was given",
                 file=path,
                 hint=f"they are {away.min():.3g} to {away.max():.3g} m away",
             )
-        return Cloud(points, cloud.dropped)
+        return Cloud(cloud.points[inside], cloud.dropped, int(np.sum(~inside)))
 
     def _of_depth(self, path: Path, camera: Camera) -> Cloud:
         seen = depth.read_depth(path, self.unit)
@@ -152,9 +152,9 @@ def searched(
     return found
 
 
-def dropped_words(dropped: int, kept: int) -> str:
-    """Of points without a place, which part they are, in a sentence; empty where there are few."""
-    part = dropped / max(dropped + kept, 1)
+def dropped_words(dropped: int, count: int) -> str:
+    """How many of all points have no place, in a sentence; empty where there are few."""
+    part = dropped / max(count, 1)
     # Of a hundred points one: any camera leaves out as many.
     few = 0.01
     return f" {part:.0%} of all points had no place (zero, or not finite)." if part >= few else ""

@@ -29,13 +29,13 @@ class CloudWithPlane(Displayable):
 
     Attributes:
         image: what the cloud is called.
-        kept, dropped: points of the cloud, and those of it without a place.
+        count, dropped: points of the cloud, and those of it without a place.
         plane: where it is; None where none was found.
         reason: why not; empty where it was.
     """
 
     image: str
-    kept: int
+    count: int
     dropped: int
     plane: CloudPlane | None = None
     reason: str = ""
@@ -86,7 +86,7 @@ def find_planes(
     def search(image: str, cloud: Cloud) -> CloudWithPlane:
         plane = plane_in(cloud.points)
         reason = "" if plane else "no plane, or one of few points"
-        return CloudWithPlane(image, len(cloud.points), cloud.dropped, plane, reason)
+        return CloudWithPlane(image, cloud.count, cloud.dropped, plane, reason)
 
     results = searched(clouds, reader, search, progress)
     found = [(each.image, each.plane) for each in results if each.plane is not None]
@@ -105,9 +105,9 @@ def find_planes(
         np.repeat([[plane.sigma] * 3 for _, plane in found], 3, axis=0),
     )
     noise = np.median([plane.noise for _, plane in found], axis=0)
-    kept, dropped = (sum(getattr(each, part) for each in results) for part in ("kept", "dropped"))
+    count, dropped = (sum(getattr(each, part) for each in results) for part in ("count", "dropped"))
     sentence = f"Plane {name} found in {len(found)} of {len(results)} clouds."
-    assessment = Assessment.of(sentence + dropped_words(dropped, kept), care=_notes(results))
+    assessment = Assessment.of(sentence + dropped_words(dropped, count), care=_notes(results))
     return PlaneSearch(name, results, points, (float(noise[0]), float(noise[1])), assessment)
 
 

@@ -48,6 +48,9 @@ CAMERAS = {
     "points on the tip": {"hand_eye": "camera in base"},
     "points of a board": {"hand_eye": "camera in tip", "target": "board in base"},
     "points that state their noise": {"hand_eye": "camera in tip"},
+    "plane_view": {"hand_eye": "camera in tip"},
+    "plane_view of planes on the tip": {"hand_eye": "camera in base", "plane[A]": "plane in tip"},
+    "plane_view that states its noise": {"hand_eye": "camera in tip"},
 }
 
 
