@@ -37,7 +37,7 @@ PLANES: Final = Listing["CloudWithPlane"](
     Column("points", "points", lambda row: _of(row, "points")),
     Column("dropped", None, lambda row: row.dropped),
     Column("rms", "RMS, mm", lambda row: _of(row, "rms"), unit="m"),
-    Column("left_out", "left out because", lambda row: row.reason),
+    Column("left_out", "left out because", lambda row: row.reason, optional=True),
     key="planes",
 )
 
