@@ -26,9 +26,9 @@ from suta_calib.terms.hand_eye_start import Poses
 
 # Rotations that are tried, some 25° apart, and those of them that go on.
 _ROTATIONS: Final = 250
-_BEST: Final = 6
+_BEST: Final = 4
 # Rows that choose the rotation, of many.
-_ROWS: Final = 400
+_ROWS: Final = 200
 # Singular value, of the largest, that is rounding.
 _ROUNDING: Final = 1e-9
 # How far an eye is from the origin of its carrier, m, where nothing else is known.
@@ -70,67 +70,77 @@ def eye_and_planes(carrier: Poses, points: FloatArray, plane: IntArray) -> EyeAn
         plane: (n,) which plane each is on, from 0.
     """
     few = np.unique(np.linspace(0, len(points) - 1, min(len(points), _ROWS)).astype(np.intp))
-    turns = np.concatenate(
-        [np.eye(3)[None], random_rotations(np.random.default_rng(0), _ROTATIONS)]
-    )
+    turns = random_rotations(np.random.default_rng(0), _ROTATIONS)
     some = (carrier[0][few], carrier[1][few]), points[few], plane[few]
-    begun = [_by_turns(*some, turn) for turn in turns]
-    order = np.argsort([misfit for misfit, _ in begun], kind="stable")[:_BEST]
-    ended = [_descended(*some, begun[k][1]) for k in order.tolist()]
-    best = min(ended, key=lambda end: end[0])[1]
-    return _descended(carrier, points, plane, best)[1]
-
-
-def _planes(points: FloatArray, plane: IntArray) -> tuple[FloatArray, FloatArray]:
-    """Normals (k, 3) and distances (k,) of the planes of least squares through points (n, 3)."""
+    # Where every plane is numbered, also one of which no row was taken.
     count = int(plane.max(initial=0)) + 1
-    normals, distances = np.tile([0.0, 0.0, 1.0], (count, 1)), np.zeros(count)
-    for k in range(count):
-        mine = points[plane == k]
-        if len(mine):
-            middle = mine.mean(axis=0)
-            normals[k] = right_singular(mine - middle)[1][2]
-            distances[k] = normals[k] @ middle
+    misfit, position, normal, distance = _by_turns(*some, turns, count)
+    order = np.argsort(misfit, kind="stable")[:_BEST].tolist()
+    begun = (EyeAndPlanes(turns[k], position[k], normal[k], distance[k]) for k in order)
+    # So many steps tell which of them ends well; the best one then goes on.
+    few_steps, steps = 12, 40
+    ended = [_descended(*some, first, few_steps) for first in begun]
+    best = min(ended, key=lambda end: end[0])[1]
+    return _descended(carrier, points, plane, best, steps)[1]
+
+
+def _planes(points: FloatArray, plane: IntArray, count: int) -> tuple[FloatArray, FloatArray]:
+    """Normals (m, k, 3) and distances (m, k) of the planes through points (m, n, 3)."""
+    normals, distances = np.zeros((len(points), count, 3)), np.zeros((len(points), count))
+    normals[:, :, 2] = 1.0
+    for k in np.unique(plane):
+        mine = points[:, plane == k]
+        middle = mine.mean(axis=1)
+        about = mine - middle[:, None]
+        normals[:, k] = np.linalg.eigh(np.swapaxes(about, 1, 2) @ about)[1][:, :, 0]
+        distances[:, k] = np.einsum("mi,mi->m", normals[:, k], middle)
     return normals, distances
 
 
 def _by_turns(
-    carrier: Poses, points: FloatArray, plane: IntArray, R: FloatArray
-) -> tuple[float, EyeAndPlanes]:
-    """Planes for a place of the eye, and its place for planes, in turn; and what is left, m²."""
+    carrier: Poses, points: FloatArray, plane: IntArray, turns: FloatArray, count: int
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    """For each rotation (m, 3, 3) of the eye its place and the planes, one after the other in turn.
+
+    Returns:
+        What is left (m,), m²; places (m, 3); and normals (m, k, 3) and distances (m, k).
+    """
     rotation, position = carrier
-    turned = np.einsum("nij,nj->ni", rotation, points @ R.T) + position
-    t: FloatArray = np.zeros(3)
+    lever = np.einsum("mij,nj->mni", turns, points)
+    turned = np.einsum("nij,mnj->mni", rotation, lever) + position
+    t = np.zeros((len(turns), 3))
     for _ in range(3):
-        normal, distance = _planes(turned + rotation @ t, plane)
-        of_row = normal[plane]
-        columns = _without_means(np.einsum("nij,ni->nj", rotation, of_row), plane)
-        height = np.asarray(np.einsum("ni,ni->n", of_row, turned))
-        off = height + np.einsum("ni,nij,j->n", of_row, rotation, t) - distance[plane]
-        prior = float(off @ off) / len(off) / _NEAR**2 + 1e-12
-        pull = columns.T @ _without_means(height[:, None], plane)[:, 0]
-        t = np.asarray(-np.linalg.solve(columns.T @ columns + prior * np.eye(3), pull))
-    at = turned + rotation @ t
-    normal, distance = _planes(at, plane)
-    left = np.einsum("ni,ni->n", normal[plane], at) - distance[plane]
-    return float(left @ left), EyeAndPlanes(R, t, normal, distance)
+        at = turned + np.einsum("nij,mj->mni", rotation, t)
+        normal, distance = _planes(at, plane, count)
+        of_row = normal[:, plane]
+        columns = _without_means(np.einsum("nij,mni->mnj", rotation, of_row), plane)
+        height = _without_means(np.einsum("mni,mni->mn", of_row, turned)[..., None], plane)
+        off = np.einsum("mni,mni->mn", of_row, at) - distance[:, plane]
+        prior = np.mean(off**2, axis=1) / _NEAR**2 + 1e-12
+        square = np.swapaxes(columns, 1, 2) @ columns + prior[:, None, None] * np.eye(3)
+        t = -np.linalg.solve(square, np.swapaxes(columns, 1, 2) @ height)[..., 0]
+    at = turned + np.einsum("nij,mj->mni", rotation, t)
+    normal, distance = _planes(at, plane, count)
+    left = np.einsum("mni,mni->mn", normal[:, plane], at) - distance[:, plane]
+    return np.sum(left**2, axis=1), t, normal, distance
 
 
 def _without_means(columns: FloatArray, plane: IntArray) -> FloatArray:
-    """Columns (n, m) without their means over the rows of each plane."""
-    count = np.maximum(np.bincount(plane), 1)
-    sums = np.zeros((len(count), columns.shape[1]))
-    np.add.at(sums, plane, columns)
-    return np.asarray(columns - (sums / count[:, None])[plane])
+    """Columns (m, n, c) without their means over the rows of each plane."""
+    centred = columns.copy()
+    for k in np.unique(plane):
+        rows = plane == k
+        centred[:, rows] -= columns[:, rows].mean(axis=1, keepdims=True)
+    return centred
 
 
 def _descended(
-    carrier: Poses, points: FloatArray, plane: IntArray, first: EyeAndPlanes
+    carrier: Poses, points: FloatArray, plane: IntArray, first: EyeAndPlanes, steps: int
 ) -> tuple[float, EyeAndPlanes]:
     """Sum of squared heights, m², and the end of a descent by Levenberg and Marquardt."""
     eye, damping = first, 1e-2
     left, columns = _linearised(carrier, points, plane, eye)
-    for _ in range(40):
+    for _ in range(steps):
         scale = np.maximum(np.linalg.norm(columns, axis=0), 1e-6)
         # What is left weighs the prior of the place of the eye.
         root = float(np.sqrt(left @ left / len(left))) / _NEAR
