@@ -395,8 +395,9 @@ class Checking:
         family = Family.of(fit, evidence, white, known, every, self.false_alarm)
         found = {e.effect.name: e for e in evidence}
         power = tuple(_power(s, fit, found[s.what], family) for s in suspects if s.what in found)
-        p_first = min([family.p_of_all(fit), *(family.p_value(e.p_single) for e in evidence)])
         while True:
+            if not changes:
+                p = min([family.p_of_all(fit), *(family.p_value(e.p_single) for e in evidence)])
             certain = [e for e in evidence if family.p_value(e.p_single) < self.false_alarm]
             row = self._bad_row(fit, bad, certain)
             if row is not None:
@@ -424,7 +425,7 @@ class Checking:
             tuple(changes),
             power,
             tuple(origin[k] for k in bad),
-            p_first,
+            p,
             len(origin),
             self.false_alarm,
             rows.values,

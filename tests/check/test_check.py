@@ -55,6 +55,7 @@ def test_a_bad_row_is_no_change() -> None:
     assert check.unchanged
     assert check.bad_rows == (scene()[2][2].poses.samples.origin[3],)
     assert check.assessment.level == "care"
+    assert check.p > 0.01
 
 
 def test_these_rows_say_what_they_would_have_shown() -> None:
