@@ -12,7 +12,7 @@ from typing import Any, Final
 
 from suta_calib.check.checking import Check
 from suta_calib.errors import OutputError
-from suta_calib.units import Unit, shown
+from suta_calib.units import Unit, from_mm, shown
 
 NAME: Final = "checks.jsonl"
 # Lines of a history that are looked at: one check a day for ten years.
@@ -28,14 +28,14 @@ class EarlierCheck:
         unchanged: its answer.
         p: chance of its rows if nothing changed.
         changed: what did.
-        rms_mm: errors of its rows, mm; NaN of angles alone.
+        rms: of the errors of its rows, m; NaN of angles alone.
     """
 
     time: datetime
     unchanged: bool
     p: float
     changed: tuple[str, ...]
-    rms_mm: float
+    rms: float
 
 
 def line_of(check: Check, samples: Sequence[Path]) -> Mapping[str, Any]:
@@ -92,7 +92,7 @@ def recall(folder: Path) -> list[EarlierCheck]:
                     bool(entry["unchanged"]),
                     float(entry["p"]),
                     tuple(map(str, entry.get("changed", []))),
-                    math.nan if rms is None else float(rms),
+                    math.nan if rms is None else from_mm(float(rms)),
                 )
             )
         except (ValueError, TypeError, KeyError, AttributeError):
