@@ -72,14 +72,12 @@ class RigCalibration:
             first) and turn (rad, own axes) of each, without that of the scale.
         scale: relative standard deviation of all lengths, which the board carries.
         instants: number of instants at which two cameras or more saw the board.
-        notes: what the files give to think about, one sentence each.
     """
 
     cameras: tuple[RigCamera, ...]
     covariance: FloatArray
     scale: float
     instants: int
-    notes: tuple[str, ...] = ()
 
     @property
     def rms(self) -> float:
@@ -107,7 +105,7 @@ class RigCalibration:
     @judged
     def assessment(self) -> Assessment:
         """How far to trust the poses."""
-        bad, care = list[str](), list(self.notes)
+        bad, care = list[str](), list[str]()
         for camera in self.cameras:
             lost = listed(camera.left_out, NAMED)
             if camera.left_out:
@@ -166,7 +164,7 @@ def rig_from_pictures(
     """
     _check(views)
     board = views[0].board
-    names, keys, notes = _instants(views)
+    names, keys = _instants(views)
     tables = []
     for view, at in zip(views, keys, strict=True):
         table = np.full((len(names), len(board.points), 2), np.nan)
@@ -223,7 +221,6 @@ def rig_from_pictures(
         _of_poses(problem, state, covariance),
         board.length_scale.std,
         int((problem.there.any(axis=2).sum(axis=0) > 1).sum()),
-        notes,
     )
 
 
@@ -253,14 +250,13 @@ def _given(view: View) -> Camera:
     return view.camera
 
 
-def _instants(views: Sequence[View]) -> tuple[list[str], list[list[int]], tuple[str, ...]]:
-    """Names of all instants; of each camera the instants of its pictures; and what to know of it.
+def _instants(views: Sequence[View]) -> tuple[list[str], list[list[int]]]:
+    """Names of all instants, and of each camera the instants of its pictures.
 
     Pictures of one name are of one instant. Where cameras share no name, those of one number are,
     as in left_07.png and right_07.png.
     """
     labels = [view.corners.images for view in views]
-    notes: tuple[str, ...] = ()
     if len(set().union(*labels)) == sum(map(len, labels)):
         numbers = [[_number(name) for name in names] for names in labels]
         if any("" in one or len(set(one)) < len(one) for one in numbers):
@@ -270,9 +266,9 @@ def _instants(views: Sequence[View]) -> tuple[list[str], list[list[int]], tuple[
                 file=views[1].corners.path,
             )
         labels = numbers
-    every = list(dict.fromkeys(name for names in labels for name in names))
-    place = {name: k for k, name in enumerate(every)}
-    return every, [[place[name] for name in names] for names in labels], notes
+    instants = list(dict.fromkeys(name for names in labels for name in names))
+    place = {name: k for k, name in enumerate(instants)}
+    return instants, [[place[name] for name in names] for names in labels]
 
 
 def _number(name: str) -> str:
@@ -302,24 +298,27 @@ def _linked(
     """
     posed = np.array([one.posed for one in pictures])
     together = posed.astype(int) @ posed.T.astype(int)
-    found: dict[int, Poses] = {0: (np.eye(3), np.zeros(3))}
-    while len(found) < len(pictures):
+    in_first: dict[int, Poses] = {0: (np.eye(3), np.zeros(3))}
+    while len(in_first) < len(pictures):
         links = [
-            (together[a, b], a, b) for a in found for b in range(len(pictures)) if b not in found
+            (together[a, b], a, b)
+            for a in in_first
+            for b in range(len(pictures))
+            if b not in in_first
         ]
         count, a, b = max(links)
         # Instants that tell a pose between two cameras and one more by which it can be judged.
         if count < 3:
-            lone = listed([name for k, name in enumerate(names) if k not in found])
+            lone = listed([name for k, name in enumerate(names) if k not in in_first])
             raise SamplesError(
                 f"{count} instants at which camera {lone} saw the board together with another",
                 "at least 3, better a dozen",
                 hint="pictures of one instant have one name, or one number, in all folders",
             )
         pictures[b], (R, p) = _joined(pictures[a], pictures[b])
-        R_a, p_a = found[a]
-        found[b] = R_a @ R, R_a @ p + p_a
-    return pictures, [found[k] for k in range(len(pictures))]
+        R_a, p_a = in_first[a]
+        in_first[b] = R_a @ R, R_a @ p + p_a
+    return pictures, [in_first[k] for k in range(len(pictures))]
 
 
 def _joined(first: BoardPictures, second: BoardPictures) -> tuple[BoardPictures, Poses]:
@@ -425,8 +424,8 @@ def _found(
 
 def _alone(pictures: BoardPictures) -> float:
     """Root mean square error of corners about their picture's own pose of the board, px."""
-    seen = replace(pictures, pixels=pictures.pixels[pictures.posed])
-    errors = seen.errors[np.isfinite(seen.errors).all(axis=2)]
+    posed = replace(pictures, pixels=pictures.pixels[pictures.posed])
+    errors = posed.errors[np.isfinite(posed.errors).all(axis=2)]
     return rms_length(errors) if len(errors) else 0.0
 
 
@@ -446,18 +445,18 @@ def _of_poses(problem: RigProblem, state: RigState, covariance: FloatArray) -> F
 
 def _against_the_file(camera: RigCamera) -> str:
     """That the pictures contradict the camera's file by more than either says of itself."""
-    found, given = camera.camera, camera.given
-    if found.covariance is None:
+    corrected, given = camera.camera, camera.given
+    if corrected.covariance is None:
         return ""
     stds = CALIBRATED.stds(given) if given.stds is None else given.stds
-    assert found.stds is not None
-    change = (found.intrinsics - given.intrinsics)[:4]
-    off = change / np.sqrt(stds[:4] ** 2 + found.stds[:4] ** 2)
+    assert corrected.stds is not None
+    change = (corrected.intrinsics - given.intrinsics)[:4]
+    off = change / np.sqrt(stds[:4] ** 2 + corrected.stds[:4] ** 2)
     if np.max(off**2) <= float(chdtri(1, FALSE_ALARM)):
         return ""
     changes = ", ".join(
-        f"{name} {given.values[name]:.1f} → {found.values[name]:.1f}"
-        for name in found.lens.names[:4]
+        f"{name} {given.values[name]:.1f} → {corrected.values[name]:.1f}"
+        for name in corrected.lens.names[:4]
     )
     return (
         f"The pictures contradict the file of camera {camera.name} ({changes} px). The poses "

@@ -115,8 +115,8 @@ class RigProblem:
             points = np.where(self.there[camera][..., None], points, [0.0, 0.0, 1.0])
             if not lens.ahead(points).all():
                 return None
-            seen = lens.projected(points, at.intrinsics[camera]) - self.pixels[camera]
-            off[camera] = np.where(self.there[camera][..., None], seen, 0.0)
+            projected = lens.projected(points, at.intrinsics[camera]) - self.pixels[camera]
+            off[camera] = np.where(self.there[camera][..., None], projected, 0.0)
         return off
 
     def weights(self, errors: FloatArray) -> FloatArray:
@@ -126,10 +126,10 @@ class RigProblem:
         far, middle, finest = 3.0, 1.1774, 1e-3
         length = np.linalg.norm(errors, axis=-1)
         weight = np.zeros(length.shape)
-        for camera, found in enumerate(self.there):
-            sigma = max(float(np.median(length[camera][found])) / middle, finest)
+        for camera, visible in enumerate(self.there):
+            sigma = max(float(np.median(length[camera][visible])) / middle, finest)
             pull = np.minimum(1.0, far * sigma / np.maximum(length[camera], finest * sigma))
-            weight[camera] = np.where(found, pull if self.robust else 1.0, 0.0) / sigma**2
+            weight[camera] = np.where(visible, pull if self.robust else 1.0, 0.0) / sigma**2
         return weight
 
     def cost(self, at: RigState, errors: FloatArray, weight: FloatArray) -> float:
@@ -152,14 +152,14 @@ class RigProblem:
         AB, BB = np.zeros((instants, count, 6)), np.zeros((instants, 6, 6))
         b = np.zeros((instants, 6))
         for camera, lens in enumerate(self.lenses):
-            seen = np.flatnonzero(self.there[camera].any(axis=1))
-            turned, points = (part[seen] for part in self.in_camera(at, camera))
-            found = self.there[camera][seen]
-            points = np.where(found[..., None], points, [0.0, 0.0, 1.0])
+            instants_seen = np.flatnonzero(self.there[camera].any(axis=1))
+            turned, points = (part[instants_seen] for part in self.in_camera(at, camera))
+            visible = self.there[camera][instants_seen]
+            points = np.where(visible[..., None], points, [0.0, 0.0, 1.0])
             by_place, by_values = pixel_slopes(lens, points, at.intrinsics[camera])
-            root = np.sqrt(weight[camera][seen])[..., None, None]
+            root = np.sqrt(weight[camera][instants_seen])[..., None, None]
             by_place, by_values = root * by_place, root * by_values
-            r = (root[..., 0] * errors[camera][seen]).reshape(len(seen), -1)
+            r = (root[..., 0] * errors[camera][instants_seen]).reshape(len(instants_seen), -1)
             parts = list[tuple[slice, FloatArray]]()
             if self.priors[camera] is not None:
                 parts.append((of_intrinsics[camera], by_values))
@@ -170,15 +170,17 @@ class RigProblem:
             moved = by_place @ at.turn[camera]
             by_board = np.concatenate(
                 [moved, -by_place @ skew(turned) @ at.turn[camera]], axis=-1
-            ).reshape(len(seen), -1, 6)
-            rows = [(at_, part.reshape(len(seen), -1, part.shape[-1])) for at_, part in parts]
-            BB[seen] += np.swapaxes(by_board, 1, 2) @ by_board
-            b[seen] += np.einsum("nri,nr->ni", by_board, r)
+            ).reshape(len(instants_seen), -1, 6)
+            rows = [
+                (at_, part.reshape(len(instants_seen), -1, part.shape[-1])) for at_, part in parts
+            ]
+            BB[instants_seen] += np.swapaxes(by_board, 1, 2) @ by_board
+            b[instants_seen] += np.einsum("nri,nr->ni", by_board, r)
             for one, J in rows:
-                a[seen, one] += np.einsum("nri,nr->ni", J, r)
-                AB[seen, one] += np.swapaxes(J, 1, 2) @ by_board
+                a[instants_seen, one] += np.einsum("nri,nr->ni", J, r)
+                AB[instants_seen, one] += np.swapaxes(J, 1, 2) @ by_board
                 for other, K in rows:
-                    AA[seen, one, other] += np.swapaxes(J, 1, 2) @ K
+                    AA[instants_seen, one, other] += np.swapaxes(J, 1, 2) @ K
         damped = BB + damping * np.einsum("nii->ni", BB)[..., None] * np.eye(6)
         solved = np.linalg.pinv(damped, hermitian=True)
         AA += damping * np.einsum("nii->ni", AA)[..., None] * np.eye(count)
@@ -274,10 +276,10 @@ class RigProblem:
             ]
         )
         # What the files say of the cameras is independent of all instants.
-        told = np.zeros_like(curvature)
+        prior_information = np.zeros_like(curvature)
         for prior, columns in zip(self.priors, self.columns[0], strict=True):
             if prior is not None:
-                told[columns, columns] = prior
+                prior_information[columns, columns] = prior
         inverse = np.linalg.pinv(curvature, hermitian=True)
         scatter_of_changes = (instants - 1) / instants * changes.T @ changes
-        return np.asarray(scatter_of_changes + inverse @ told @ inverse)
+        return np.asarray(scatter_of_changes + inverse @ prior_information @ inverse)
