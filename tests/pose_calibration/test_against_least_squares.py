@@ -165,5 +165,7 @@ def test_no_least_squares_is_nearer_to_the_truth_or_predicts_better(given: Given
     nearest = np.min(np.mean(np.square(theirs), axis=0), axis=0)
     # Two seeds: the ratio of two means of squares scatters by as much.
     assert (np.mean(np.square(ours), axis=0) < 2.0 * nearest).all()
-    mine, *plain = np.sqrt(np.sum(left, axis=0))
-    assert mine < 1.02 * min(plain)
+    # The camera that is held was calibrated from the pictures left out too, which helps a fisheye
+    # at the edge of its picture: only what sees none of them is compared.
+    mine, _, free = np.sqrt(np.sum(left, axis=0))
+    assert mine < 1.02 * free
