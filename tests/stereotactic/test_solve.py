@@ -346,8 +346,9 @@ def test_first_assignment_without_answers(shared: Path, letter: str) -> None:
     assert 1e3 * result.optical_pivot.post == pytest.approx(optical, abs=6e-3)
 
 
-@pytest.mark.parametrize("robust", [False, True])
-@pytest.mark.parametrize("letter", SECOND)
+@pytest.mark.parametrize(
+    ("letter", "robust"), [("a", False), ("b", True), ("c", False), ("c", True)]
+)
 def test_second_assignment(shared: Path, letter: str, robust: bool) -> None:
     prefix = of_course(shared, f"pa2-debug-{letter}")
     result = solve(StereotacticData.read(prefix, navigation=True), dewarp=True, robust=robust)

@@ -8,7 +8,7 @@ from studies import of_size
 
 cv2 = pytest.importorskip("cv2")
 
-from lens_scenes import BOARD, SIZE, before, camera, corners_seen, each_camera  # noqa: E402
+from lens_scenes import BOARD, SIZE, TRUE, before, camera, corners_seen, each_camera  # noqa: E402
 
 from suta_calib.arrays import FloatArray  # noqa: E402
 from suta_calib.geometry.lens import EQUIDISTANT, LENSES  # noqa: E402
@@ -76,10 +76,13 @@ def test_a_lens_may_be_asked_for() -> None:
         assert found.camera.lens is lens
 
 
+CHARUCO = Charuco(10, 7, 0.03, 0.022, "DICT_5X5_100")
+
+
 @pytest.mark.parametrize(
-    "board", [BOARD, Charuco(10, 7, 0.03, 0.022, "DICT_5X5_100")], ids=["chessboard", "charuco"]
+    ("name", "board"),
+    [*((name, BOARD) for name in TRUE), ("plumb_bob", CHARUCO), ("fisheye of 190 deg", CHARUCO)],
 )
-@each_camera
 def test_rendered_corners_are_found_to_a_tenth(name: str, board: Board) -> None:
     true = camera(name)
     rng = np.random.default_rng(11)
