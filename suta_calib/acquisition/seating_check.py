@@ -64,8 +64,8 @@ class SeatingCheck:
             return False
         # What is off across a plane of landmarks hardly shows in distances.
         if len(errors) >= CERTAIN:
-            others = list(errors)
-            scatter = self.disagreement(others, [self.tips[name] for name in others])
+            rest = list(errors)
+            scatter = self.disagreement(rest, [self.tips[name] for name in rest])
             if self.misfit(landmark, angles) > max(ANOTHER, 4.0 * scatter):
                 return True
         usual = [abs(self._error(a, self.tips[a], b)) for a, b in combinations(errors, 2)]

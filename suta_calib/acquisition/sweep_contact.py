@@ -126,7 +126,7 @@ class Surface:
 
 
 @dataclass(frozen=True, eq=False)
-class _Fit:
+class _ContactFit:
     """A robust fit: rows of q and their places, parameters x, (n,) weights, and the scatter, mm."""
 
     problem: Problem
@@ -242,8 +242,12 @@ def _names(place: IntArray) -> list[str]:
 
 
 def _fitted(
-    surface: Surface, q: FloatArray, place: IntArray, strokes: IntArray, like: _Fit | None = None
-) -> _Fit:
+    surface: Surface,
+    q: FloatArray,
+    place: IntArray,
+    strokes: IntArray,
+    like: _ContactFit | None = None,
+) -> _ContactFit:
     """The arm and the places, with moments that are far off forgotten."""
     # Rows of one stroke err together: against what is known beforehand they count once.
     shared = len(q) / len(np.unique(strokes))
@@ -281,7 +285,9 @@ def _fitted(
     residual = rows.line.residual / _MM
     distance = np.linalg.norm(residual, axis=1)
     weight = (1.0 + (distance / limit) ** 2) ** -2.0
-    return _Fit(problem, x, rows.jacobian, residual, weight, _scatter(distance, residual.shape[1]))
+    return _ContactFit(
+        problem, x, rows.jacobian, residual, weight, _scatter(distance, residual.shape[1])
+    )
 
 
 def _precision(problem: Problem) -> FloatArray:
@@ -317,7 +323,7 @@ def _scatter(distance: FloatArray, size: int) -> float:
 
 def _places(
     surface: Surface, q: FloatArray, strokes: IntArray
-) -> tuple[dict[int, tuple[float, float]], _Fit]:
+) -> tuple[dict[int, tuple[float, float]], _ContactFit]:
     """The rows at which a place became another one, with its shift and its ±, mm; and the fit."""
     starts = list[int]()
     fit = _fitted(surface, q, _numbers(starts, len(q)), strokes)
@@ -343,8 +349,8 @@ def _numbers(starts: Sequence[int], count: int) -> IntArray:
 
 
 def _slipped(
-    surface: Surface, fit: _Fit, q: FloatArray, starts: Sequence[int], strokes: IntArray
-) -> tuple[int | None, _Fit]:
+    surface: Surface, fit: _ContactFit, q: FloatArray, starts: Sequence[int], strokes: IntArray
+) -> tuple[int | None, _ContactFit]:
     """The likeliest row from which on a place is another one, if one is likely, and the refit."""
     place, row = _numbers(starts, len(q)), np.arange(len(q))
 
@@ -373,7 +379,7 @@ def _slipped(
 
 
 def _moved(
-    fit: _Fit, number: int, place: IntArray, strokes: IntArray
+    fit: _ContactFit, number: int, place: IntArray, strokes: IntArray
 ) -> tuple[float, float] | None:
     """How far the place after one is from it, and its ±, mm; None if that may be chance."""
     sides = [place == number, place == number + 1]
@@ -394,7 +400,7 @@ def _moved(
     return distance, distance / float(np.sqrt(t2))
 
 
-def _boundary(fit: _Fit, number: int, place: IntArray) -> int:
+def _boundary(fit: _ContactFit, number: int, place: IntArray) -> int:
     """The row from which on rows are rather at the second of two places."""
     sides = [place == number, place == number + 1]
     at = [_own(fit, number), _own(fit, number + 1)]
@@ -414,7 +420,7 @@ def _cost(residual: FloatArray, scatter: float) -> FloatArray:
     return np.asarray(np.minimum(np.sum(residual**2, axis=1) / scatter**2, _OFF**2))
 
 
-def _own(fit: _Fit, number: int) -> list[int]:
+def _own(fit: _ContactFit, number: int) -> list[int]:
     """Where the unknowns of one place are."""
     return [
         k
@@ -423,7 +429,7 @@ def _own(fit: _Fit, number: int) -> list[int]:
     ]
 
 
-def _gain(fit: _Fit, later: BoolArray) -> float:
+def _gain(fit: _ContactFit, later: BoolArray) -> float:
     """By how much the cost falls if later rows are at a new place; each row's cost is cut off."""
     size = fit.residual.shape[1]
     residual = fit.residual[later]
@@ -444,7 +450,9 @@ def _gain(fit: _Fit, later: BoolArray) -> float:
     return float(np.sum(fallen))
 
 
-def _shift(fit: _Fit, number: int, rows: BoolArray, strokes: IntArray) -> tuple[float, float, int]:
+def _shift(
+    fit: _ContactFit, number: int, rows: BoolArray, strokes: IntArray
+) -> tuple[float, float, int]:
     """From one place to the next: how far at the tip, mm, T² by strokes, and of how many unknowns.
 
     ``rows`` (n,) are at one of the two.
@@ -475,7 +483,7 @@ def _shift(fit: _Fit, number: int, rows: BoolArray, strokes: IntArray) -> tuple[
 
 
 def _distances(
-    surface: Surface, fit: _Fit, moments: Sequence[Moment], place: IntArray
+    surface: Surface, fit: _ContactFit, moments: Sequence[Moment], place: IntArray
 ) -> FloatArray:
     """(moments,) of the tip from its place, mm."""
     off = np.empty(len(moments))

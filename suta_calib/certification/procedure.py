@@ -83,8 +83,8 @@ def certify(raw: RawPoints, options: CertificationOptions = PLAIN) -> Certificat
 
     def heights() -> OverGround | None:
         touched = where.position, where.by[:, 2] * by.sigma, by.touched_ground
-        known = noise.freedom, options.tolerance
-        return None if comparison is None else over_ground(names, *touched, comparison, *known)
+        by_noise = noise.freedom, options.tolerance
+        return None if comparison is None else over_ground(names, *touched, comparison, *by_noise)
 
     def damages() -> Iterator[Fault]:
         quantities = judged(measured, jacobians, by, landmarks, comparison)

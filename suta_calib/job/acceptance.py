@@ -329,8 +329,8 @@ def _samples(arm: ArmModel, values: Mapping[str, Any], label: str, *optional: st
 def _of_calibration(path: Path, urdf: UrdfFile | None, chain: str) -> AcceptanceJob:
     """Lengths and articulations of a calibration: from its held-out data where it has them."""
     job = CalibrationJob.load(path)
-    own = arm = job.arm.chosen(chain)
-    if own.tilt_sensors:
+    nominal = arm = job.arm.chosen(chain)
+    if nominal.tilt_sensors:
         raise JobError(
             "a calibration with tilt sensors",
             "one of an arm whose tip follows from its joints alone: that is what is accepted",
@@ -339,14 +339,14 @@ def _of_calibration(path: Path, urdf: UrdfFile | None, chain: str) -> Acceptance
         )
     if urdf is not None:
         arm = job.spec.arm.mechanism_of(urdf, job.arm, job.spec.pairs).chosen(chain)
-        if arm.joints != own.joints:
+        if arm.joints != nominal.joints:
             raise UrdfError(
                 f"the moving joints {', '.join(arm.joints)}",
-                f"those of the job's arm: {', '.join(own.joints)}",
+                f"those of the job's arm: {', '.join(nominal.joints)}",
                 file=Path(urdf),
             )
-    lengths = _first(job, own, _LENGTHS)
-    points = _first(job, own, _ARTICULATIONS)
+    lengths = _first(job, nominal, _LENGTHS)
+    points = _first(job, nominal, _ARTICULATIONS)
     if not lengths and not points:
         raise JobError(
             f"neither {_LENGTHS.kind} nor {_ARTICULATIONS.kind}",

@@ -261,9 +261,9 @@ def _of_camera(folder: Path, name: str, arm: AnyArm) -> Iterator[Template]:
 def _camera_rows(cameras: Mapping[str, EyeSetup]) -> Iterator[str]:
     """A row for each camera."""
     for name, setup in cameras.items():
-        seen = "a board that lies still" if setup == EYE_IN_HAND else "a board in the hand"
+        board = "a board that lies still" if setup == EYE_IN_HAND else "a board in the hand"
         yield _wrapped(
-            f"Camera {name}, {_PLACES[setup]}: it sees {seen}. Without a key camera its lens is "
+            f"Camera {name}, {_PLACES[setup]}: it sees {board}. Without a key camera its lens is "
             "found from the same pictures.",
             "  # ",
         )

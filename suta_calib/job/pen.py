@@ -30,11 +30,11 @@ def with_pen(urdf: UrdfFile | str, hand: str, before: Path, after: Path) -> str:
         UrdfError: there is such a link already, or the text has no end.
     """
     tree = read_tree(urdf)
-    whole = tree.data.decode()
+    urdf_text = tree.data.decode()
     if PEN in tree.links:
         raise UrdfError(f"a link {PEN!r}", "no such link yet: give it as --tip")
     link = tree.joints[hand].child if hand in tree.joints else hand
-    if link not in tree.links or _END not in whole:
+    if link not in tree.links or _END not in urdf_text:
         raise UrdfError(repr(hand), "a link or joint of the URDF", where="--tip")
 
     def moved(match: re.Match[str]) -> str:
@@ -43,7 +43,7 @@ def with_pen(urdf: UrdfFile | str, hand: str, before: Path, after: Path) -> str:
             name = Path(os.path.relpath(before / name, after)).as_posix()
         return f"{start}{sign}{name}{sign}"
 
-    text, end, rest = _MESH.sub(moved, whole).rpartition(_END)
+    text, end, rest = _MESH.sub(moved, urdf_text).rpartition(_END)
     joint = (
         f'  <link name="{PEN}"/>\n'
         f'  <joint name="{PEN}_in_hand" type="fixed">\n'

@@ -55,8 +55,10 @@ def job_so_far(job: Path, target: Path) -> Path | None:
         return None
     if all(len(rows[group]) == len(written[group]) for group in groups):
         return job
-    kept = {key: rows.get(key, part) for key, part in written.items()}
-    return _write({key: part for key, part in kept.items() if part or key != "validation"}, target)
+    merged = {key: rows.get(key, part) for key, part in written.items()}
+    return _write(
+        {key: part for key, part in merged.items() if part or key != "validation"}, target
+    )
 
 
 def _read(job: Path) -> dict[str, Any]:

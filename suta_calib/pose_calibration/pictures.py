@@ -158,9 +158,9 @@ def _between(
 ) -> tuple[PoseBetween, ...]:
     """Every other camera in the first one."""
     owners = {view.label: term.owners[0] for view, term in zip(views, terms, strict=True)}
-    first, *others = owners
+    first, *rest = owners
     poses = []
-    for other in others:
+    for other in rest:
         both = owners[first], owners[other]
         at = [weighed.names.index(f"{owner}.{key}") for owner in both for key in PLACEMENT]
         jacobian = tangent_of_poses(weighed.x[at])

@@ -352,8 +352,8 @@ class RobotNoise:
         squares = np.zeros(eyes)
         for k in np.flatnonzero(numbers):
             # An X of its own follows the noise of one row.
-            own = numbers[k] / max(numbers[k] - 1, 1)
-            squares[k] = own * scatter(residual[eye == k], robust=True) ** 2
+            factor = numbers[k] / max(numbers[k] - 1, 1)
+            squares[k] = factor * scatter(residual[eye == k], robust=True) ** 2
         squares += ROUNDING**2
         many = numbers > 1
         together = np.exp(np.mean(np.log(squares[many]))) if many.any() else 1.0
@@ -415,12 +415,13 @@ def noise_made_directions(fit: RobustFit, noise: RobotNoise, eye: int = 0) -> li
     rows = whitened_rows(fit.solution.problem, x, sigmas.tolist())
     jacobian = np.vstack([r.jacobian for r in rows]) @ np.linalg.inv(tangent_of_poses(x))
     information = jacobian.T @ jacobian
-    own = np.arange(6 * eye, 6 * eye + 6)
-    of_rest = np.setdiff1d(np.arange(len(x)), own)
+    of_this = np.arange(6 * eye, 6 * eye + 6)
+    of_rest = np.setdiff1d(np.arange(len(x)), of_this)
     follow = np.zeros((len(x), 6))
-    follow[own] = np.eye(6)
+    follow[of_this] = np.eye(6)
     follow[of_rest] = (
-        -scaled_inverse(information[np.ix_(of_rest, of_rest)]) @ (information[np.ix_(of_rest, own)])
+        -scaled_inverse(information[np.ix_(of_rest, of_rest)])
+        @ (information[np.ix_(of_rest, of_this)])
     )
     of_eye = follow.T @ information @ follow
     place, turned = (sigmas * noise.relative[fit.inliers]).T

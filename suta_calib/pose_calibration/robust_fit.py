@@ -355,9 +355,9 @@ def _covariance(
     if exact:
         return independent
     # Neighbours may share errors of the hand's poses, and of the seen poses.
-    spaces, seen = [embedded(*poses.at(solution.values))], poses.samples
-    if seen.position is not None and seen.rotation is not None:
-        spaces.append(embedded(seen.rotation, seen.position))
+    spaces, observed = [embedded(*poses.at(solution.values))], poses.samples
+    if observed.position is not None and observed.rotation is not None:
+        spaces.append(embedded(observed.rotation, observed.position))
     at = np.ix_(free, free)
     parts = [
         r.jacobian[:, free].reshape(count, DIMENSION, -1) / w

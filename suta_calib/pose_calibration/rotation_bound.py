@@ -340,9 +340,9 @@ def _program(jacobian: FloatArray) -> tuple[FloatArray, FloatArray]:
     equations = np.zeros((21 * count + 1, len(rows)))
     for j in range(count):
         for c, equation in enumerate(_equations()):
-            whole = np.zeros((size, size))
-            whole[np.ix_(*[_at(j, count)] * 2)] = equation
-            equations[21 * j + c] = whole[rows, columns] * weight
+            full = np.zeros((size, size))
+            full[np.ix_(*[_at(j, count)] * 2)] = equation
+            equations[21 * j + c] = full[rows, columns] * weight
     equations[-1, -1] = 1.0
     settings = clarabel.DefaultSettings()
     settings.verbose = False

@@ -27,9 +27,9 @@ def check_history_plot(history: Sequence[EarlierCheck]) -> str:
         axes.plot(number[~changed], certain[~changed], "o", color=BLUE, ms=5, label="unchanged")
         axes.plot(number[changed], certain[changed], "s", color=ORANGE, ms=6, label="changed")
         for k in np.flatnonzero(changed)[-6:]:
-            said = ", ".join(history[k].changed)
+            names = ", ".join(history[k].changed)
             axes.annotate(
-                *(said, (number[k], certain[k]), (0, 7)),
+                *(names, (number[k], certain[k]), (0, 7)),
                 textcoords="offset points",
                 ha="center",
                 fontsize=8,

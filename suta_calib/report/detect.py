@@ -116,12 +116,15 @@ def detect_document(
     if detection.fit is not None:
         sure = detection.fit.projection
         middle, worst = (text(std, "px") for std in (sure.middle, sure.worst))
-        known = (
+        certainty = (
             f"The lens is of the model {detection.fit.camera.lens.called}. Where the camera sees a "
             f"far point is known to ± {middle} px in the middle of the picture, and to ± {worst} "
             "px where it is worst: if that part matters, take pictures with the board there"
         )
-        parts += [Text(known), Figure(partial(_sure, detection.fit), "How sure the projection is")]
+        parts += [
+            Text(certainty),
+            Figure(partial(_sure, detection.fit), "How sure the projection is"),
+        ]
     if pictures:
         parts += [
             File(_file_name(v.picture.name), partial(drawn, v, detection)) for v in detection.views

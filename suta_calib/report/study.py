@@ -228,8 +228,8 @@ def _scatter(study: SpreadStudy) -> list[str]:
             "them scatter less than their standard deviation."
         )
     # With an incomplete model, the covariance is larger than noise alone explains.
-    told = [p for p in study.parameters.values() if p.predicted > 0]
-    larger = max(((p.estimate.std or 0.0) / p.predicted for p in told), default=0.0)
+    spread = [p for p in study.parameters.values() if p.predicted > 0]
+    larger = max(((p.estimate.std or 0.0) / p.predicted for p in spread), default=0.0)
     # Ratio of a calibration's standard deviations to those from noise, from which it is reported.
     if not bootstrap and larger >= 1.25:
         sentences.append(

@@ -165,15 +165,15 @@ def _in_common(body: ObservedBody) -> tuple[float, float]:
     """
     frames, n = body.used.shape
     motions = np.concatenate([np.tile(np.eye(3), (n, 1, 1)), -skew(body.cloud.markers)], axis=2)
-    seen = np.repeat(body.used.ravel(), DIMENSION)
+    used_rows = np.repeat(body.used.ravel(), DIMENSION)
     # A frame's own pose takes six numbers of its markers'.
     left = (DIMENSION * n - OF_A_POSE) / (DIMENSION * n)
     fit = LinearFit(
-        np.tile(motions.reshape(-1, OF_A_POSE), (frames, 1))[seen],
+        np.tile(motions.reshape(-1, OF_A_POSE), (frames, 1))[used_rows],
         body.residuals[body.used].ravel(),
         independent_rows=DIMENSION * int(body.used.sum()) * left + OF_A_POSE,
     )
-    places = Effect("places", np.tile(np.eye(DIMENSION * n), (frames, 1))[seen])
+    places = Effect("places", np.tile(np.eye(DIMENSION * n), (frames, 1))[used_rows])
     for evidence in weigh_effects(fit, [places]):
         return max(float(np.sqrt(evidence.noise)), ROUNDED), evidence.p_single
     return ROUNDED, 1.0

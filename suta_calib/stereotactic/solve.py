@@ -353,8 +353,8 @@ def _on_bodies(result: StereotacticResult, *, misread: bool) -> tuple[list[str],
     if not (bent or misread or bad or care):
         cloud = MarkerCloud(body.em)
         frames = measured if correction is None else correction.correct(measured)
-        seen = ObservedBody(cloud, frames, BodyPoses(*register_points(cloud.markers, frames)))
-        object_ = GivenShape("calreadings", "C", seen, body.em, *em, bent=True)
+        observed = ObservedBody(cloud, frames, BodyPoses(*register_points(cloud.markers, frames)))
+        object_ = GivenShape("calreadings", "C", observed, body.em, *em, bent=True)
         bad, care = on_given_shapes([object_], robust=robust)
     of_probe = {kind: bodies[kind] for kind in EM_PROBE if kind in bodies}
     outside = dict[str, FloatArray]()

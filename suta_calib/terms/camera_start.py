@@ -85,8 +85,8 @@ def poses_in_camera(
     """
     if not camera.lens.sees_behind:
         return board_poses(points, camera.undistort(pixels))
-    turn, seen, _ = ahead_of(camera.directions(pixels))
-    rotation, position = board_poses(points, seen)
+    turn, turned, _ = ahead_of(camera.directions(pixels))
+    rotation, position = board_poses(points, turned)
     return turn @ rotation, (turn @ position[:, :, None])[:, :, 0]
 
 

@@ -104,10 +104,10 @@ def _within(samples: Samples, bound: float) -> Samples:
     """The rows of which it is known what the joints read before and after."""
     motion = samples.motion
     assert motion is not None
-    kept = motion.recording.told(motion.moment, bound)
-    left = int(len(kept) - kept.sum())
+    within = motion.recording.told(motion.moment, bound)
+    left = int(len(within) - within.sum())
     near = f"nearer than {ms(bound):.4g} ms to a gap in time or to the end of a file"
-    if not kept.any():
+    if not within.any():
         raise SamplesError(
             f"no row that is not {near}",
             "rows close in time, of a moving arm",
@@ -116,17 +116,19 @@ def _within(samples: Samples, bound: float) -> Samples:
         )
     # Some at both ends are always lost.
     # Share of the rows that may be left out without a word.
-    if left > 0.2 * len(kept):
+    if left > 0.2 * len(within):
         warnings.warn(
-            f"{left} of {len(kept)} rows are {near}. What the joints read before or after is "
+            f"{left} of {len(within)} rows are {near}. What the joints read before or after is "
             "unknown, so they are left out",
             SutaCalibWarning,
             stacklevel=6,
         )
-    return samples.take(kept)
+    return samples.take(within)
 
 
 def _turning(arm: ArmModel) -> BoolArray:
     """(joints,) which joints are where they were after a full turn of their reading."""
-    whole = 2.0 * np.pi - 1e-6
-    return np.array([j.type != "prismatic" and j.upper - j.lower >= whole for j in arm.readings])
+    full_turn = 2.0 * np.pi - 1e-6
+    return np.array(
+        [j.type != "prismatic" and j.upper - j.lower >= full_turn for j in arm.readings]
+    )

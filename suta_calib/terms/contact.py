@@ -187,8 +187,8 @@ class Contact(PlaceTerm):
         if self.surface == "plane":
             plane = self._plane_over(poses)
             owners = {p.name: p.name.replace("plane[", "spot[", 1) for p in plane.own_parameters}
-            own = {name: values[ours] for name, ours in owners.items()}
-            return plane.observed({**values, **own}, plane.poses)
+            of_plane = {name: values[ours] for name, ours in owners.items()}
+            return plane.observed({**values, **of_plane}, plane.poses)
         spot = self._there(values, poses) if self._spots else np.zeros((len(poses), 3))
         away = poses.at(values)[1] - spot
         length = np.maximum(np.linalg.norm(away, axis=1), 1e-12)

@@ -202,7 +202,7 @@ class Gravity(Term):
     @classmethod
     def refused_rest(cls, mean: FloatArray, std: FloatArray, earlier: FloatArray) -> str:
         """A sensor that was shaken, or that felt more or less than at the rests before."""
-        length, scatter = (float(np.linalg.norm(each)) for each in (mean, std))
+        length, scatter = (float(np.linalg.norm(vector)) for vector in (mean, std))
         usual = float(np.median(np.linalg.norm(earlier, axis=1))) if len(earlier) else length
         if usual and (why := unlike_gravity(length, usual)):
             return f"the accelerometer felt {length:.4g}, at the rests before {usual:.4g}. {why}"
@@ -247,17 +247,17 @@ class Gravity(Term):
     @cached_property
     def unknowns(self) -> tuple[Parameter, ...]:
         """`own_parameters`, with what is given of them."""
-        known, (up, sensor) = dict[str, PriorValue](), self._owners
+        priors, (up, sensor) = dict[str, PriorValue](), self._owners
         if self.sensor is not None:
             pose = GivenPose(np.zeros(3), self.sensor.rotation, None, self.sensor.std)
             of_pose = pose.of_pose(sensor)
-            known |= {f"{sensor}.{key}": of_pose[f"{sensor}.{key}"] for key in ROTATION}
+            priors |= {f"{sensor}.{key}": of_pose[f"{sensor}.{key}"] for key in ROTATION}
         if self.up is not None:
             lean, std = vector_turning_z_to(self._sign * self.up.direction), self.up.std or None
-            known |= {
+            priors |= {
                 f"{up}.{key}": PriorValue(float(lean[k]), std) for k, key in enumerate(ROTATION[:2])
             }
-        return with_known((*self.own_parameters, *self.of_clock), known)
+        return with_known((*self.own_parameters, *self.of_clock), priors)
 
     @cached_property
     def _measured(self) -> tuple[FloatArray, FloatArray]:
@@ -299,9 +299,11 @@ class Gravity(Term):
         measured, _ = self._measured
         frames = flat(rotation_from_vector(vector_turning_z_to(measured)))
         data = np.column_stack([frames, np.full(len(frames), self._sign)])
-        own = np.tile(np.arange(len(self.own_parameters)), (len(data), 1))
+        columns = np.tile(np.arange(len(self.own_parameters)), (len(data), 1))
         labels, noise = self.poses.samples.origin, self.angular_noise
-        return (Block.per_sample("direction", "rad", 2, _off_direction, own, data, noise, labels),)
+        return (
+            Block.per_sample("direction", "rad", 2, _off_direction, columns, data, noise, labels),
+        )
 
     def observed(self, values: Mapping[str, float], poses: PoseSource) -> Observed:
         """The readings of an ideal sensor, in the unit of the samples; in g where they are zero."""

@@ -55,18 +55,19 @@ class LensChoice:
                 "pictures no model can be chosen. If it is another one, say so (lens), or "
                 "calibrate the camera first (suta-calib detect)."
             )
-        others = ", ".join(
+        rivals = ", ".join(
             f"{name} {rms:.3f} px" for name, rms in self.left_out.items() if name != self.lens.name
         )
-        own = self.left_out[self.lens.name]
-        better = [rms > own for name, rms in self.left_out.items() if name != self.lens.name]
+        error = self.left_out[self.lens.name]
+        better = [rms > error for name, rms in self.left_out.items() if name != self.lens.name]
         why = (
             "which predicts left-out pictures best"
             if all(better)
             else "as no other model predicts left-out pictures better by more than chance"
         )
-        return f"Without a camera file, the lens is taken for {lens}, {why}: error {own:.3f} px" + (
-            f" ({others})." if others else "."
+        return (
+            f"Without a camera file, the lens is taken for {lens}, {why}: error {error:.3f} px"
+            + (f" ({rivals})." if rivals else ".")
         )
 
 
@@ -188,11 +189,11 @@ def best_lens(
     chance: one with more coefficients fits its own pictures better in any case. The errors that
     models have in the middle one of them, RMS in px, are put into ``left_out`` by name.
     """
-    wanted = (lens,) if lens else (PLUMB_BOB, EQUIDISTANT, RATIONAL)
+    lenses = (lens,) if lens else (PLUMB_BOB, EQUIDISTANT, RATIONAL)
     best: FittedCamera | None = None
     straight: FittedCamera | None = None
     problems: list[SamplesError] = []
-    for model in wanted:
+    for model in lenses:
         try:
             other = _fitted(model, corners, names, board, size, straight)
         except SamplesError as problem:
@@ -212,7 +213,9 @@ def _predicts_better(other: FittedCamera, best: FittedCamera) -> bool:
     """Whether one camera's errors in left-out pictures are smaller by more than chance."""
     # Schwarz (1978), doi:10.1214/aos/1176344136, for four coefficients and some thousand numbers.
     worth = 30.0
-    squares, squares_best = (float(np.sum(each.residuals**2 + _ROUNDING)) for each in (other, best))
+    squares, squares_best = (
+        float(np.sum(fitted.residuals**2 + _ROUNDING)) for fitted in (other, best)
+    )
     if squares_best - squares < worth * squares / other.residuals.size:
         return False
     if len(best.seen.pixels) < _LEAST:
@@ -261,12 +264,12 @@ def _fitted(
             break
     if best is None:
         raise _undetermined(names)
-    seen = best[0]
+    pictures = best[0]
     start = Camera(*size, best[1].intrinsics, lens=lens)
-    state = refined(seen, best[1], _WIDE.stds(start), robust=False, settled=1e-10)
-    errors = seen.errors(state)
+    state = refined(pictures, best[1], _WIDE.stds(start), robust=False, settled=1e-10)
+    errors = pictures.errors(state)
     assert errors is not None
-    by_camera, by_pose = seen.slopes(state)
+    by_camera, by_pose = pictures.slopes(state)
     count = len(lens.names)
     schur = np.zeros((count, count))
     for A, B in zip(by_camera, by_pose, strict=True):
@@ -279,7 +282,7 @@ def _fitted(
     scale = np.outer(unit, unit)
     inverse = np.linalg.pinv(schur / scale, rcond=1e-14, hermitian=True) / scale
     camera = Camera(*size, state.intrinsics, variance * np.asarray(inverse), lens=lens)
-    return FittedCamera(camera, _of_corners(used, board, errors), used, seen, state)
+    return FittedCamera(camera, _of_corners(used, board, errors), used, pictures, state)
 
 
 def _searched(
@@ -295,15 +298,15 @@ def _searched(
     best: tuple[PicturesSeen, State, float] | None = None
     camera = start
     for _ in range(3):
-        seen, state, posed = seen_by(camera, used, board)
-        before = _sum_of_squares(seen, state)
+        pictures, state, posed = seen_by(camera, used, board)
+        before = _sum_of_squares(pictures, state)
         if 2 * posed.sum() < len(posed) or not np.isfinite(before):
             break
-        state = refined(seen, state, _WIDE.stds(start), robust=False, settled=1e-3)
-        after = _sum_of_squares(seen, state)
+        state = refined(pictures, state, _WIDE.stds(start), robust=False, settled=1e-3)
+        after = _sum_of_squares(pictures, state)
         camera = replace(start, intrinsics=state.intrinsics)
         if posed.all() and (best is None or after < best[2]):
-            best = seen, state, after
+            best = pictures, state, after
         if posed.all() and after < len(used):
             break
     return best
@@ -356,7 +359,7 @@ def _starts(
         half = angle / 2 if lens.sees_behind else np.tan(min(angle, np.radians(150.0)) / 2)
         focal = max(size) / 2 / half
         camera = Camera(*size, np.array([focal, focal, *middle, *bent]), lens=lens)
-        seen, state, posed = seen_by(camera, used, board)
-        if posed.all() and np.isfinite(off := _sum_of_squares(seen, state)):
+        pictures, state, posed = seen_by(camera, used, board)
+        if posed.all() and np.isfinite(off := _sum_of_squares(pictures, state)):
             ranked.append((off, camera))
     yield from (camera for _, camera in sorted(ranked, key=lambda each: each[0])[:2])

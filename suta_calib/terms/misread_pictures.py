@@ -154,10 +154,10 @@ def _other_camera(pictures: BoardPictures, least: float) -> SamplesError | None:
     # Of two focal lengths of one camera, another focus.
     if pictures.misfit < bent and not (refocused > np.maximum(np.log(1.1), sure)).any():
         return None
-    alike = shown.lens is given.lens and (refocused < np.log(1.02)).all()
+    same_lens = shown.lens is given.lens and (refocused < np.log(1.02)).all()
     return SamplesError(
-        f"corners as {_in_words(shown, bent=alike)} shows them",
-        f"those of {_in_words(given, bent=alike)}, as the camera's file says",
+        f"corners as {_in_words(shown, bent=same_lens)} shows them",
+        f"those of {_in_words(given, bent=same_lens)}, as the camera's file says",
         hint="the file must be for this camera, this lens, this focus and this size of picture: "
         "calibrate the camera (suta-calib detect --camera-out)",
     )

@@ -109,9 +109,9 @@ class PoseSource(ABC):
 @lru_cache(maxsize=8)
 def joint_ranges(arm: ArmModel) -> tuple[JointRange, ...]:
     """What the columns of a samples file must hold for this arm."""
-    own = set(arm.own_joints)
+    of_chain = set(arm.own_joints)
     # A file of one robot of a cell may call its joints as that robot's URDF does.
-    short = own_names(own)
+    short = own_names(of_chain)
     followers = {
         joint.name: tuple(n for n, read in arm.read_from.items() if n != joint.name == read)
         for joint in arm.readings
@@ -120,9 +120,9 @@ def joint_ranges(arm: ArmModel) -> tuple[JointRange, ...]:
         JointRange(
             *(j.name, "m" if j.type == "prismatic" else "rad"),
             # Another chain's reading that the samples lack is zero, whatever its limits are.
-            *((j.lower, j.upper) if j.name in own else (min(j.lower, 0.0), max(j.upper, 0.0))),
+            *((j.lower, j.upper) if j.name in of_chain else (min(j.lower, 0.0), max(j.upper, 0.0))),
             followers[j.name],
-            j.name not in own,
+            j.name not in of_chain,
             short.get(j.name, ""),
         )
         for j in arm.readings

@@ -449,8 +449,8 @@ class Term(GivenPlaces):
         if not self.own_parameters:
             return values_of_clock
         start = self.start(*self.poses.at(values))
-        own = {p.name: float(v) for p, v in zip(self.own_parameters, start, strict=True)}
-        return own | values_of_clock
+        of_term = {p.name: float(v) for p, v in zip(self.own_parameters, start, strict=True)}
+        return of_term | values_of_clock
 
     def repeats(self) -> IntArray:
         """(n,) one number for all samples that are repeats of the same touch, else their own."""

@@ -42,8 +42,8 @@ def read_calibrated(path: Path, *, anyway: bool = False) -> Calibrated:
         name: float(numbers(entry.get("value"), (), file, name))
         for name, entry in data["parameters"].items()
     }
-    own = (p.name for term in job.observations for p in term.own_parameters)
-    if lacking := next((name for name in (*job.parameters, *own) if name not in values), None):
+    of_terms = (p.name for term in job.observations for p in term.own_parameters)
+    if lacking := next((name for name in (*job.parameters, *of_terms) if name not in values), None):
         raise InputError(
             f"no value of {lacking}",
             f"a value of every unknown of {job.spec.path}",

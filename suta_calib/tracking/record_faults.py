@@ -277,12 +277,12 @@ def _wild(record: ErrorsInTime, left: FloatArray, used: BoolArray) -> FaultEstim
     """Single rows that are off from those before and from those after, the same way."""
     # Rows on either side; times that a wild row is off what is usual, and the largest of the rest.
     beside, times_usual, times_largest = 5, 5.0, 2.0
-    at, kept = np.flatnonzero(used), left[used]
-    n = len(kept)
-    padded = np.concatenate([kept[beside:0:-1], kept, kept[-2 : -2 - beside : -1]])
+    at, errors = np.flatnonzero(used), left[used]
+    n = len(errors)
+    padded = np.concatenate([errors[beside:0:-1], errors, errors[-2 : -2 - beside : -1]])
     windows = np.lib.stride_tricks.sliding_window_view(padded, beside, axis=0)
     before, after = np.median(windows[:n], axis=2), np.median(windows[beside + 1 :], axis=2)
-    ahead, behind = kept - before, kept - after
+    ahead, behind = errors - before, errors - after
     same = np.einsum("nk,nk->n", ahead, behind) > 0
     off = np.minimum(np.linalg.norm(ahead, axis=1), np.linalg.norm(behind, axis=1)) * same
     wild = off > times_usual * max(_usual(off), _scatter(left), NOTHING / times_usual)
@@ -297,7 +297,7 @@ def _wild(record: ErrorsInTime, left: FloatArray, used: BoolArray) -> FaultEstim
     for shift in range(near + 1):
         part = turns[shift : shift + len(bend)]
         np.maximum(part, bend * max(record.interval, step), out=part)
-    least = times_largest * max(float(off[~wild].max()), rms_length(kept[~wild]))
+    least = times_largest * max(float(off[~wild].max()), rms_length(errors[~wild]))
     rows = rows[off[rows] > np.maximum(least, turns[at[rows]])]
     if not len(rows):
         return None

@@ -305,8 +305,8 @@ def matched_joints(
         InputError: the device lacks one; names it and what the device has.
     """
     chain = " and ".join(f"{chain.base} → {chain.tip}" for chain in arm.chained)
-    own = own_names(arm.joints)
+    short = own_names(arm.joints)
     # The device of one robot of a cell calls its joints as that robot's URDF does.
-    alone = own and {*own.values()} <= {*device_joints} and not {*own} & {*device_joints}
-    joints = [own.get(name, name) for name in arm.joints] if alone else arm.joints
+    alone = short and {*short.values()} <= {*device_joints} and not {*short} & {*device_joints}
+    joints = [short.get(name, name) for name in arm.joints] if alone else arm.joints
     return columns_of(joints, device_joints, f"the chain {chain}", device)

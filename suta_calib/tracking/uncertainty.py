@@ -285,8 +285,8 @@ def _covariance(
         metrics = data.get("metrics")
         if isinstance(metrics, dict) and "by_chain" in metrics:
             # Of a robot with several chains, where the arm may be one of them.
-            kept = [k for k, name in enumerate(names) if name in of_table]
-            names, matrix = tuple(names[k] for k in kept), matrix[np.ix_(kept, kept)]
+            chosen = [k for k, name in enumerate(names) if name in of_table]
+            names, matrix = tuple(names[k] for k in chosen), matrix[np.ix_(chosen, chosen)]
         if missing := [name for name in names if name not in of_table]:
             where = f"{source}: parameters"
             raise InputError(repr(missing[0]), "a parameter of this arm", file=path, where=where)

@@ -73,13 +73,13 @@ def assess_calibration(examined: CalibrationExamination) -> Assessment:
     bad = [
         *cause,
         *([worse] if is_worse else []),
-        *(said for said, is_bad in against if is_bad),
+        *(sentence for sentence, is_bad in against if is_bad),
         *priors.bad,
-        *(said for said, level in doubts.items() if level == "bad"),
+        *(sentence for sentence, level in doubts.items() if level == "bad"),
     ]
     care = [
-        *(said for said, is_bad in against if not is_bad),
-        *(said for said, level in doubts.items() if level == "care"),
+        *(sentence for sentence, is_bad in against if not is_bad),
+        *(sentence for sentence, level in doubts.items() if level == "care"),
         *([] if accuracy.validation or accuracy.unjudged else [fitted_only]),
         *([] if cause else judge("rows", lambda: matches(solution, "rows"), failed)),
         *judge("the gain", lambda: _on_gain(accuracy, explained=foremost is not None), failed),
@@ -256,9 +256,9 @@ def _at_stake(solution: Solution, held: Sequence[Explanation]) -> str:
     """Error of the tip if held parameters differ from the drawing; the largest of each unit."""
     parameters = solution.problem.parameters
     worst: dict[Unit, Explanation] = {}
-    for each in sorted(held, key=lambda item: item.moves):
-        if each.moves:
-            worst[parameters[each.fixed].unit] = each
+    for explanation in sorted(held, key=lambda item: item.moves):
+        if explanation.moves:
+            worst[parameters[explanation.fixed].unit] = explanation
     losses = [
         f" If {value.fixed if len(held) > 1 else 'that'} is wrong by 1 {unit_name(unit)}, the tip "
         f"is wrong by {text(value.moves * stored(1.0, unit), 'm', with_unit=True)} in other "

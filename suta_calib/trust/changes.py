@@ -99,8 +99,8 @@ def changes(answer: Examination, rule: Rule = Rule()) -> tuple[ChangeInTime, ...
         if suspect.hypothesis is not None and also_left.cost < left.cost + equal * left.noise
     ]
     sentences = tuple(change.sentence for change in instead if change.sized)
-    own = fit.linear.squares_where(fit.columns(first.velocity)) / fit.linear.squares
-    return (replace(change, instead=sentences, share=lowered / max(own * before, 1e-300)),)
+    share = fit.linear.squares_where(fit.columns(first.velocity)) / fit.linear.squares
+    return (replace(change, instead=sentences, share=lowered / max(share * before, 1e-300)),)
 
 
 def suspects(fit: ReducedFit) -> tuple[list[Suspect], int]:

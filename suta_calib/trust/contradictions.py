@@ -385,9 +385,9 @@ def _tips(solution: Solution) -> Iterator[Contradiction]:
         if isinstance(term.poses, ArmPoses) and (on_mount := term.on_unknown_mount) is not None
     }
     for tip, mount in mounts.items():
-        own = [p for p in lengths if p.owner == tip]
+        of_tip = [p for p in lengths if p.owner == tip]
         # Who lets a tip be farther off than the rest knows that it may be.
-        most = max((p.upper - p.lower for p in own), default=0.0)
+        most = max((p.upper - p.lower for p in of_tip), default=0.0)
         other_causes = [
             p
             for p in lengths
@@ -395,14 +395,14 @@ def _tips(solution: Solution) -> Iterator[Contradiction]:
         ]
         off, rest = (
             np.array([estimates[p.name].value - p.nominal for p in group])
-            for group in (own, other_causes)
+            for group in (of_tip, other_causes)
         )
         # Fewer lengths do not say how far off this arm is: of 5 that are alike one in 10⁴ tips is
         # ten times as far off.
-        if not own or len(rest) < 5:
+        if not of_tip or len(rest) < 5:
             continue
         axis, arm = (float(np.sqrt(np.mean(values**2))) for values in (off, rest))
-        certain = max(abs(d) / estimates[p.name].std for p, d in zip(own, off, strict=True))
+        certain = max(abs(d) / estimates[p.name].std for p, d in zip(of_tip, off, strict=True))
         if axis > PULL * arm and certain > SIGNIFICANCE:
             yield Contradiction(
                 False,

@@ -375,8 +375,8 @@ def _determined(
         independent = 1e-6
         scale, least = 1.0 / np.sqrt(np.maximum(alone, 1e-300)), independent
     else:
-        told = fit.noise_freedom is not None
-        noise = 1.0 if told else fit.squares / max(fit.rows - fit.spent, 1.0)
+        stated = fit.noise_freedom is not None
+        noise = 1.0 if stated else fit.squares / max(fit.rows - fit.spent, 1.0)
         scale = np.broadcast_to(effect.plausible, alone.shape)
         least = noise / TELLING**2
     scaled = curvature * scale[..., :, None] * scale[..., None, :]

@@ -59,7 +59,7 @@ def chance_beside_shared_errors(
             for share in (0.01, 0.03, 0.1, 0.3, 1.0)
         ),
     ]
-    rows = _Rows.of(fit)
+    rows = _FreedRows.of(fit)
     left = rows.freed(fits[0], white)
     # What is known beforehand counts in units of the noise that the change leaves.
     scatter = float(np.sum(left.fit.settled**2))
@@ -152,13 +152,13 @@ class _Block:
 
 
 @dataclass(frozen=True, eq=False)
-class _Rows:
+class _FreedRows:
     """Rows beside which a change is asked."""
 
     blocks: Sequence[_Block]
 
     @classmethod
-    def of(cls, fit: ReducedFit) -> _Rows:
+    def of(cls, fit: ReducedFit) -> _FreedRows:
         """Some of each block's rows."""
         arm, q = fit.problem.arm, np.vstack([t.poses.samples.q for t in fit.problem.terms])
         assert arm is not None

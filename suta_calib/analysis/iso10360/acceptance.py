@@ -276,8 +276,8 @@ def accept(
         if values:
             where, value = max(values, key=lambda pair: abs(pair[1]))
             decision = rule.decide(value, limit, expanded)
-            known = expanded or None
-            judged = Characteristic(symbol, where, value, limit, known, decision, len(values))
+            stated = expanded or None
+            judged = Characteristic(symbol, where, value, limit, stated, decision, len(values))
             characteristics.append(judged.but_for(missing, amplified=amplified))
     return AcceptanceTest(measured, limits, uncertainty, rule, tuple(characteristics))
 
