@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Collection, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, Final, Self
+from typing import Any, Self
 
 import numpy as np
 
@@ -17,9 +17,6 @@ from suta_calib.device.reading import Reading, Statistics
 from suta_calib.errors import SamplesError
 from suta_calib.measurements import CsvTable, read_csv_table
 from suta_calib.optional_packages import load
-
-# Largest angle, rad: beyond it, a cable spoilt the reading.
-_LARGEST: Final = 8 * np.pi
 
 
 class RecordingEnded(Exception):  # noqa: N818 (the end of a file is no error)
@@ -50,7 +47,8 @@ class RecordedStream:
             columns = f"only the columns {', '.join(table.columns)}"
             raise SamplesError(columns, "a column time, in s, and one per joint, in rad", file=path)
         angles = np.column_stack([_numbers(table.columns[name]) for name in names])
-        angles[np.abs(angles) > _LARGEST] = np.nan
+        # Largest angle, rad: beyond it, a cable spoilt the reading.
+        angles[np.abs(angles) > 8 * np.pi] = np.nan
         specs = tuple(JointSpec(name) for name in names)
         extra = tuple(name for name in names if name in sent)
         self.spec = DeviceSpec(

@@ -36,8 +36,7 @@ from suta_calib.terms.term import Term
 
 # Residuals are in mm here.
 _MM: Final = 1e-3
-# Rows that are fitted at most, evenly spaced; and at least, for each unknown of a place.
-_ROWS: Final = 1200
+# Rows that are fitted at least.
 FEWEST: Final = 40
 # Standard deviations of a component: beyond the first the tip is off, and it is off until it is
 # within the second. No hand lifts a tip by less than some tenths of a mm; a fit of many unknowns to
@@ -51,9 +50,8 @@ _MARGIN: Final = 0.06
 _JOINED: Final = 0.3
 # Rows before and after a slip.
 _SIDE: Final = 8
-# Moments that are tried for each slip, and false alarms of a sweep.
+# Moments that are tried for each slip.
 _TRIED: Final = 80
-_FALSE_ALARM: Final = 1e-3
 
 
 @dataclass(frozen=True)
@@ -160,7 +158,8 @@ def contact(
         raise SamplesError(
             f"{len(rows)} postures", f"{FEWEST}, to tell a lift-off from an error of the arm"
         )
-    thinned = np.unique(np.linspace(0, len(rows) - 1, min(_ROWS, len(rows))).astype(np.intp))
+    # So many rows are fitted at most, evenly spaced.
+    thinned = np.unique(np.linspace(0, len(rows) - 1, min(1200, len(rows))).astype(np.intp))
     rows, strokes = rows[thinned], strokes[thinned]
     q = np.array([moments[k].angles for k in rows])
     times = np.array([moments[k].time for k in rows])
@@ -395,7 +394,8 @@ def _moved(
     chance = 1.0
     if count > k + 1:
         chance = float(fdtrc(k, count - k, t2 * (count - k) / (k * (count - 1.0))))
-    if not there or (chance * _TRIED > _FALSE_ALARM and not plain):
+    # One sound sweep of a thousand seems to have slipped.
+    if not there or (chance * _TRIED > 1e-3 and not plain):
         return None
     return distance, distance / float(np.sqrt(t2))
 

@@ -47,9 +47,6 @@ _BLOCKS: Final = 24
 _HUBER: Final = 2.5
 # Standard deviation of the shift, s, beyond which the motion does not tell it.
 _WORST: Final = 0.05
-# A pose so far, rad and m, from both its neighbours is a wrong one: a tag that flipped.
-_WILD_TURN: Final = from_deg(5.0)
-_WILD_WAY: Final = from_mm(10.0)
 _EPSILON: Final = 1e-12
 
 
@@ -64,7 +61,8 @@ class Recorded:
     def without_wild_poses(self) -> Recorded:
         """The same without poses from which both neighbours are far, and these are near."""
         wild = np.zeros(len(self.clock.time), dtype=bool)
-        for distances, least in zip(self._apart(), (_WILD_TURN, _WILD_WAY), strict=True):
+        # A pose so far, rad and m, from both its neighbours is a wrong one: a tag that flipped.
+        for distances, least in zip(self._apart(), (from_deg(5.0), from_mm(10.0)), strict=True):
             near, around = distances
             away = np.minimum(near[:-1], near[1:])
             wild[1:-1] |= away > 4.0 * around + np.maximum(10.0 * np.median(near), least)

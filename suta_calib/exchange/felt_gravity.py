@@ -46,9 +46,7 @@ _UNITS: Final = ((1.0, "g"), (STANDARD_GRAVITY, "m/s²"), (1000.0, "mg or cm/s²
 _NEAR: Final = 0.1
 # Zero errors and scales of cheap sensors change what is felt at rest by less than this share.
 _AT_REST: Final = 0.08
-# What a window of so many s may change and scatter by in a rest, rad or parts of gravity, whatever
-# its noise.
-_WINDOW: Final = 0.4
+# What a window may change and scatter by in a rest, rad or parts of gravity, whatever its noise.
 _QUIET: Final = from_deg(0.15)
 _FEWEST: Final = 5
 
@@ -238,7 +236,8 @@ class GravityLog:
         """
         felt, time = self.acceleration / self.usual, self.clock.time
         noise = float(np.sqrt(np.mean(row_noise(felt, 0) ** 2)))
-        half = max(4, round(0.5 * _WINDOW / self.clock.step))
+        # Half a window of 0.4 s.
+        half = max(4, round(0.2 / self.clock.step))
         rests = list[Rest]()
         if len(felt) > 2 * half:
             mean, square = _means(felt, half), _means(felt**2, half)

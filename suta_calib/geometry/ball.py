@@ -16,16 +16,12 @@ from scipy.spatial import KDTree
 
 from suta_calib.arrays import BoolArray, FloatArray, IntArray
 
-# Points that vote, and neighbours that make the normal of each.
+# Neighbours that make the normal of a point that votes.
 _NEIGHBOURS: Final = 24
-# How near votes meet, and how near the surface a point is taken for one of the ball's at first,
-# in radii. Normals of small pieces scatter by some tenths of a radian.
+# How near votes meet, in radii: normals of small pieces scatter by some tenths of a radian.
 _TOGETHER: Final = 0.15
-_NEAR: Final = 0.3
-# Fewest points of a ball, and how far from their middle direction they must reach, seen from the
-# centre, as a cosine (35°): less is a piece of any surface.
+# Fewest points of a ball.
 FEWEST: Final = 30
-_REACH: Final = 0.82
 
 
 @dataclass(frozen=True, eq=False)
@@ -131,7 +127,8 @@ def _fitted(points: FloatArray, tree: KDTree, centre: FloatArray, radius: float)
     # Of Tukey's biweight, with an efficiency of 95 %.
     tukey = 4.685
     start, used = centre, np.zeros(0, dtype=np.intp)
-    spread = _NEAR * radius / tukey
+    # So near the surface, in radii, a point is taken for one of the ball's at first.
+    spread = 0.3 * radius / tukey
     weight = np.zeros(0)
     for _ in range(25):
         used = np.array(tree.query_ball_point(centre, radius + tukey * spread), dtype=np.intp)
@@ -168,9 +165,11 @@ def _judged(
     middle = away.mean(axis=0) / np.linalg.norm(away.mean(axis=0))
     reach = float(np.quantile(away @ middle, 0.05))
     inside = tree.query_ball_point(centre, radius - 4.0 * max(rms, 0.01 * radius))
-    # RMS of the distances from the surface, in radii, above which it is no ball.
-    # Part of the points before it that may lie inside the ball: nothing is seen through it.
-    if rms > 0.1 * radius or reach > _REACH or len(inside) > 0.2 * len(on):
+    # RMS of the distances from the surface, in radii, above which it is no ball. How far from their
+    # middle direction the points must reach, seen from the centre, as a cosine (35°): less is a
+    # piece of any surface. Part of the points before it that may lie inside the ball: nothing is
+    # seen through it.
+    if rms > 0.1 * radius or reach > 0.82 or len(inside) > 0.2 * len(on):
         return None
     inliers = _alike(points[on], off)
     covariance = np.asarray(rms**2 * inliers * np.linalg.inv(away.T @ away), dtype=np.float64)

@@ -33,9 +33,8 @@ FEWEST: Final = 4
 TIMES: Final = 40
 # Share of a block's squared residuals that a change must explain. A hand that errs alike in like
 # poses seems to change on its way: where the residuals that are left are correlated from row to
-# row, or are too few to tell, the share must be `SHARE_IF_CORRELATED`. Elsewhere `WORTH` is enough:
-# of many rows any change is significant.
-SHARE_IF_CORRELATED: Final = 0.7
+# row, or are too few to tell, the share must be 0.7. Elsewhere `WORTH` is enough: of many rows any
+# change is significant.
 WORTH: Final = 0.1
 
 
@@ -150,11 +149,11 @@ class Moved(AddedVariable):
         ]
 
     def supported(self, evidence: Evidence, rule: Rule = Rule()) -> bool:
-        """Whether it is reported: see `SHARE_IF_CORRELATED`."""
+        """Whether it is reported: see `WORTH`."""
         change, several = evidence.effect.about, min(rule.times_std, self.times_std)
         return (
             evidence.p_value < rule.false_alarm
-            and evidence.share > (SHARE_IF_CORRELATED if change.correlated else WORTH)
+            and evidence.share > (0.7 if change.correlated else WORTH)
             and any(length > several * std for length, std in sizes(evidence))
         )
 
