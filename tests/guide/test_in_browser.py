@@ -94,14 +94,14 @@ def test_fifteen_landmarks(job: Path, repository: Path, tmp_path: Path) -> None:
             page.open(url)
             page.wait(f"{NAME} === 'O'")
             # The cable is pulled out: the page says so, and goes on when it is back.
-            page.wait(f"{NAME} === 'No readings'", 40)
-            page.wait(f"{NAME} === 'M3'", 40)
+            page.wait(f"{NAME} === 'No readings'", 90)
+            page.wait(f"{NAME} === 'M3'", 90)
             # A landmark that is wrong is named at once, and taken again.
-            page.wait("!document.getElementById('alert').hidden", 60)
+            page.wait("!document.getElementById('alert').hidden", 90)
             assert "M6 does not fit" in page.text
             assert page.evaluate(DOUBTED) == 1
             click(page, "retake")
-            page.wait(f"{NAME} === 'L2'", 60)
+            page.wait(f"{NAME} === 'L2'", 90)
             assert page.evaluate("document.getElementById('alert').hidden")
             assert page.evaluate(DOUBTED) == 0
             assert page.evaluate(TAKEN) == 8
@@ -113,9 +113,9 @@ def test_fifteen_landmarks(job: Path, repository: Path, tmp_path: Path) -> None:
         assert landmarks(job) == ["O", "M1", "M2", "M3", "M4", "M5", "M6", "L1"]
         with guide(job, device) as (url, _):
             page.open(url)
-            page.wait(f"{NAME} === 'L2'", 40)
+            page.wait(f"{NAME} === 'L2'", 90)
             assert page.evaluate(TAKEN) == 8
-            page.wait("document.body.innerText.includes('P1 is complete')", 90)
+            page.wait("document.body.innerText.includes('P1 is complete')", 150)
             assert len(landmarks(job)) == 15
             page.wait("document.body.innerText.includes('Best next')", 120)
             for width, dark in ((1400, False), (500, True)):

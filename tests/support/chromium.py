@@ -98,7 +98,7 @@ class Chromium:
         assert "exceptionDetails" not in answer, answer["exceptionDetails"]
         return answer["result"].get("value")
 
-    def wait(self, script: str, seconds: float = 20.0) -> Any:
+    def wait(self, script: str, seconds: float = 60.0) -> Any:
         """Until an expression is true; its value."""
         end = time.monotonic() + seconds
         # What it is about may not be there yet.
