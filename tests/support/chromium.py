@@ -45,7 +45,7 @@ class Chromium:
 
     def __enter__(self) -> Self:
         try:
-            self._page = connect(self._address(), max_size=None)
+            self._page = connect(self._address(), max_size=None, open_timeout=60)
             self.resize(1400, 900)
         except BaseException:
             self.__exit__()
@@ -53,17 +53,17 @@ class Chromium:
         return self
 
     def __exit__(self, *_: object) -> None:
-        self._process.terminate()
-        self._process.wait(10)
+        self._process.kill()
+        self._process.wait()
         self._folder.cleanup()
 
     def _address(self) -> str:
         """Of the page's debugger."""
-        file, end = Path(self._folder.name) / "DevToolsActivePort", time.monotonic() + 20
+        file, end = Path(self._folder.name) / "DevToolsActivePort", time.monotonic() + 60
         while time.monotonic() < end:
             if file.is_file() and (lines := file.read_text().splitlines()):
                 listed = f"http://127.0.0.1:{lines[0]}/json/list"
-                with urllib.request.urlopen(listed, timeout=5) as answer:
+                with urllib.request.urlopen(listed, timeout=60) as answer:
                     targets = json.load(answer)
                 pages = [t for t in targets if t["type"] == "page"]
                 if pages:
