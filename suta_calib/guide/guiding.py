@@ -437,7 +437,7 @@ def _mark_status(state: StationState) -> MarkStatus:
 
 
 def _alert(name: str, doubt: str) -> dict[str, str]:
-    return {"title": f"{name} does not fit", "text": doubt}
+    return {"name": name, "title": f"{name} does not fit", "text": doubt}
 
 
 def _map(artefact: Artefact | None) -> list[list[Any]] | None:

@@ -168,7 +168,7 @@ def test_what_does_not_fit_is_said_until_it_is_taken_again(
 
     monkeypatch.setattr(guiding, "measure", measure)
     guide.run()
-    assert alerts == [None, {"title": "O does not fit", "text": "it is off"}]
+    assert alerts == [None, {"name": "O", "title": "O does not fit", "text": "it is off"}]
     state = StationState("O", "next", "it is off")
     guide._listen(Stations((state,), {}))
     assert guide.page.shown("alert") is None
