@@ -33,9 +33,14 @@ from suta_calib.units import from_deg
 @flag("--emulate", "Emulate an arm, to try the page; in the folder emulated/ next to the job.")
 @option("--placement", "Label of the artefact's placement; default: the next one.")
 @option("--point", "Label of a fixed point, such as F1; default: the next placement.")
+@flag(
+    "--free",
+    "Rest wherever the arm is brought: for observations without touches, whose numbers the device "
+    "sends (extra_columns in device.yaml).",
+)
 @option("--repeat", "Number of this repeat of the measurement.", default="1")
 @option("--seconds", "How long each rest of the arm is recorded, in s.", FiniteRange(min=0.1), 2.0)
-@option("--rests", "Number of rests on a point.", click.IntRange(1, 10_000), 20)
+@option("--rests", "Number of rests, on a point or with --free.", click.IntRange(1, 10_000), 20)
 @option(
     "--observation N|KIND", "Which observation of the job: its number, its kind, or validation."
 )

@@ -95,13 +95,15 @@ class Guide:
         if (measuring.device is None) != options.emulate:
             found = "neither" if measuring.device is None else "both"
             raise InputError(found, "one of --device device.yaml and --emulate")
+        if options.emulate and measuring.free:
+            raise InputError("--emulate with --free", "--emulate with places that are touched")
         if options.emulate:
             measuring = replace(measuring, job=job_to_try(measuring.job))
         elif measuring.device is not None:
             read_device(measuring.device)
         self._emulate, self._say, self._opened = options.emulate, say, opened
         self._options = replace(measuring, attended=True, resume=True)
-        if not self._options.labels:
+        if not self._options.labels and not self._options.free:
             self._options = replace(self._options, labels=next_label(self._options))
         plan, _ = stations_of(self._options)
         self.page = GuidePage(self._options.job.resolve().parent.name)
@@ -149,10 +151,15 @@ class Guide:
                 if not self._after(measured):
                     return
 
+    @property
+    def _label(self) -> str:
+        """What is measured, in a word or two."""
+        return " ".join(self._options.labels.values()) or f"Repeat {self._options.repeat}"
+
     # ── measuring ───────────────────────────────────────────────────────────────────────────
     def _measure(self) -> Measured:
         """One session of `measure`, which is what the page shows."""
-        label = " ".join(self._options.labels.values())
+        label = self._label
         self._planned, planned = None, self._planned
         self.page.show(
             phase="measuring", label=label, plan=None, verdict=None, buttons=_buttons(_MEASURING)
@@ -256,12 +263,12 @@ class Guide:
         """What becomes of a session that has ended; whether another one follows."""
         self._missing = () if measured is None else measured.missing or ()
         self._following = self._options.labels
-        label = " ".join(self._options.labels.values())
+        label = self._label
         headline = f"{label} is complete"
         if self._missing:
             headline = f"{len(self._missing)} not measured in {label}"
         while True:
-            self._follow(next(iter(self._options.labels)))
+            self._follow(next(iter(self._options.labels), ""))
             self.page.show(plan={"waiting": True}, phase="between", headline=headline, live=None)
             self._offer()
             self._worker.ask("next", self._options.job)
@@ -276,15 +283,20 @@ class Guide:
                 self._planned = None
                 return True
             if pressed == "next":
+                if self._planned is not None and self._planned.sort not in self._following:
+                    self._planned = None
                 planned = self._planned
                 rests = self._options.rests if planned is None else planned.count
                 rests = rests or self._options.rests
                 labels = self._following
-                self._options = replace(self._options, labels=labels, sequence=None, rests=rests)
+                self._options = replace(
+                    self._options, labels=labels, free=False, sequence=None, rests=rests
+                )
                 return True
 
     def _follow(self, sort: str) -> bool:
         """Offer a new place of this sort next, if the job has a row for one; whether it has."""
+        self._following = {}
         try:
             self._following = next_label(self._options, sort, after=self._options.labels)
         except JobError:
@@ -296,7 +308,8 @@ class Guide:
         offered = []
         if self._missing:
             offered.append(("missing", f"Measure {_few(self._missing)}"))
-        offered.append(("next", f"Measure {' '.join(self._following.values())}"))
+        if self._following:
+            offered.append(("next", f"Measure {' '.join(self._following.values())}"))
         offered += [("finish", "Calibrate"), ("end", "End")]
         self.page.show(buttons=_buttons(offered))
 
@@ -352,6 +365,7 @@ class Guide:
             kind = next(k.kind for k in KINDS.values() if k.place == planned.sort)
             why += f" The job has no row for it: add {{kind: {kind}, samples: '{kind}/*.csv'}} to "
             why += "observations, and start guide again."
+            self._follow(next(iter(self._options.labels), ""))
         head = "You can stop" if planned.enough else f"Best next: {planned.what}"
         self.page.show(plan={"head": head, "why": why})
         self._offer()

@@ -134,6 +134,18 @@ def test_the_place_that_tells_most_is_offered(
     assert guide.page.shown("plan")["head"] == "Best next: one point"
 
 
+def test_a_place_that_the_job_has_no_row_for_is_explained(
+    guide: Guide, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    plane = replace(POINT, sort="plane")
+    monkeypatch.setattr(Answering, "answers", {"next": plane})
+    monkeypatch.setattr(Answering, "presses", (("next", "end"),))
+    monkeypatch.setattr(guiding, "measure", session("taken taken"))
+    guide.run()
+    assert "The job has no row for it: add {kind: plane," in guide.page.shown("plan")["why"]
+    assert guide.page.shown("buttons")[0]["label"] == "Measure P2"
+
+
 def test_what_is_missing_is_offered(guide: Guide, monkeypatch: pytest.MonkeyPatch) -> None:
     sequences = list[Any]()
 
@@ -206,6 +218,20 @@ def test_ctrl_c_and_a_device_that_was_never_there_end_it(
 def test_no_device_no_page(options: GuideOptions) -> None:
     with pytest.raises(DeviceError, match="no-such-port"):
         Guide(options, lambda _: None).run()
+
+
+def test_rests_anywhere(options: GuideOptions, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(guiding, "Worker", Answering)
+    free = replace(options, measuring=replace(options.measuring, free=True, rests=3))
+    with pytest.raises(InputError, match="--emulate with --free"):
+        Guide(replace(free, measuring=replace(free.measuring, device=None), emulate=True), print)
+    guide = Guide(free, lambda _: None)
+    monkeypatch.setattr(Answering, "page", guide.page)
+    monkeypatch.setattr(Answering, "presses", (("next", "end"),))
+    monkeypatch.setattr(guiding, "measure", session("taken taken taken"))
+    guide.run()
+    assert guide.page.shown("label") == "Repeat 1"
+    assert len(guide.page.shown("stations")) == 3
 
 
 def test_a_device_or_an_emulated_one(options: GuideOptions) -> None:
