@@ -29,6 +29,7 @@ from suta_calib.pose_calibration.optimality import PictureOptimality
 from suta_calib.pose_calibration.picture_models import ErrorModel, ReprojectionError
 from suta_calib.pose_calibration.picture_noise import PictureNoise
 from suta_calib.pose_calibration.robust_answer import MANY_OUTLIERS
+from suta_calib.pose_calibration.undetermined import NotFound
 from suta_calib.solver.solution import Solution
 from suta_calib.solver.weights import Learned
 from suta_calib.terms.board_pictures import MIRRORED, QUOTED, TURNED
@@ -164,6 +165,7 @@ class PictureCalibration:
         between: where every other camera is in the first one.
         notes: what the files give to think about, one sentence each.
         optimality: what is proven of it, where that was asked.
+        not_found: further cameras, whose pictures leave X open.
     """
 
     setup: EyeSetup
@@ -176,6 +178,7 @@ class PictureCalibration:
     between: tuple[PoseBetween, ...] = ()
     notes: tuple[str, ...] = ()
     optimality: PictureOptimality | None = None
+    not_found: tuple[NotFound, ...] = ()
 
     @property
     def unknowns(self) -> tuple[Unknown, ...]:
@@ -203,7 +206,8 @@ class PictureCalibration:
     @judged
     def assessment(self) -> Assessment:
         """How far to trust every X."""
-        bad, care, facts = list[str](), list[str](), list[str]()
+        bad, facts = list[str](), list[str]()
+        care = [camera.sentence for camera in self.not_found]
         if not self.solution.converged:
             bad.append(f"The solver did not converge: {self.solution.sentence}.")
         for camera in self.cameras:

@@ -48,7 +48,11 @@ from suta_calib.pose_calibration.picture_noise import (
 )
 from suta_calib.pose_calibration.picture_rows import FINEST, PictureErrors, picture_errors
 from suta_calib.pose_calibration.sight import Sight
-from suta_calib.pose_calibration.undetermined import refuse_undetermined
+from suta_calib.pose_calibration.undetermined import (
+    NotFound,
+    UndeterminedError,
+    refuse_undetermined,
+)
 from suta_calib.solver.losses import huber_threshold
 from suta_calib.solver.problem import Problem
 from suta_calib.solver.solution import Solution
@@ -114,7 +118,7 @@ def hand_eye_from_pictures(
 
     Raises:
         SamplesError: names that do not match, too few pictures, pictures that agree with no X, or
-            motions that do not determine it.
+            motions that determine none; of several cameras those with an X keep it.
     """
     terms = [_term(hand, v, setup, intrinsics, several=len(views) > 1) for v in views]
     views, terms, left_out = _enough(views, terms)
@@ -122,12 +126,21 @@ def hand_eye_from_pictures(
     if len(terms) > 1:
         with error_context(hand.path):
             _refuse_exchanged(terms, views, seed if robust else None)
-    believed = []
+    agreeing, undetermined = list[BoolArray | None](), list[UndeterminedError]()
     for view, term in zip(views, terms, strict=True):
-        with error_context(view.corners.path):
-            term.check_enough()
-            believed.append(_agreeing(term, view, robust, seed))
-    solution, believed = _settled(terms, believed, robust)
+        try:
+            with error_context(view.corners.path):
+                term.check_enough()
+                agreeing.append(_agreeing(term, view, robust, seed))
+        except UndeterminedError as refused:
+            agreeing.append(None)
+            undetermined.append(refused)
+    found = [k for k, good in enumerate(agreeing) if good is not None]
+    if not found:
+        raise undetermined[0]
+    not_found, more_left_out = _not_found(views, agreeing, undetermined)
+    views, terms = [views[k] for k in found], [terms[k] for k in found]
+    solution, believed = _settled(terms, [good for good in agreeing if good is not None], robust)
     for term in terms:
         refuse_undetermined(solution, term.owners[0], "X", ADVICE)
     hands = _hands(solution)
@@ -149,7 +162,8 @@ def hand_eye_from_pictures(
         error_model=weighed.chosen.model,
         errors=weighed.chosen.errors,
         between=_between(views, terms, weighed),
-        notes=(*hand.unit_notes, *left_out),
+        not_found=not_found,
+        notes=(*hand.unit_notes, *left_out, *more_left_out),
     )
 
 
@@ -170,6 +184,27 @@ def _between(
         std = np.sqrt(np.maximum(np.diag(spread), 0.0))
         poses.append(PoseBetween(other, first, pose, std))
     return tuple(poses)
+
+
+def _not_found(
+    views: Sequence[View],
+    agreeing: Sequence[BoolArray | None],
+    problems: Sequence[UndeterminedError],
+) -> tuple[tuple[NotFound, ...], list[str]]:
+    """Cameras whose pictures leave X open; notes on boards that one camera of several saw so."""
+    known = {view.label for view, good in zip(views, agreeing, strict=True) if good is not None}
+    open_views = [view for view, good in zip(views, agreeing, strict=True) if good is None]
+    lost, notes = dict[str, NotFound](), list[str]()
+    for view, opened in zip(open_views, problems, strict=True):
+        count = len(view.corners.images)
+        if view.label in known:
+            notes.append(
+                f"The {count} pictures that camera {view.label} took of target {view.target} are "
+                f"left out: they leave X open, which may {' and '.join(opened.directions)}."
+            )
+        else:
+            lost[view.label] = NotFound("camera", view.label, count, opened.directions)
+    return tuple(lost.values()), notes
 
 
 def _enough(

@@ -16,15 +16,21 @@ from suta_calib.solver.solution import Solution
 from suta_calib.words import listed
 
 # What has a pose among several.
-Role = Literal["eye", "target"]
+Role = Literal["eye", "camera", "target"]
+
+
+class UndeterminedError(SamplesError):
+    """Poses that leave ``directions`` of an unknown open, in words."""
+
+    directions: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
 class NotFound:
-    """An eye or a target among several of which the rows give no pose.
+    """An eye, a camera or a target among several of which the data give no pose.
 
     Attributes:
-        role: ``eye`` or ``target``.
+        role: what it is.
         name: its label.
         rows: how many look at it.
         directions: in which its pose is open, in words.
@@ -46,16 +52,16 @@ class NotFound:
     @property
     def sentence(self) -> str:
         """Why there is no pose, and what to do."""
-        what = "X" if self.role == "eye" else "Z"
+        what = "Z" if self.role == "target" else "X"
         if self.directions:
+            shared = ", or let it see a target that another eye sees too" * (self.role == "eye")
             return (
                 f"{what} of {self.role} {self.name} could not be determined and is not given: it "
                 f"may {' and '.join(self.directions)}. Turn the hand about at least two axes that "
-                "are not parallel while this eye sees a target, or let it see a target that "
-                "another eye sees too."
+                f"are not parallel while this {self.role} sees a target{shared}."
             )
         if self.partners:
-            other = "target" if self.role == "eye" else "eye"
+            other = "eye" if self.role == "target" else "target"
             return (
                 f"{what} of {self.role} {self.name} is not given: it was seen with {other} "
                 f"{listed([*self.partners])} only, which could not be placed."
@@ -87,11 +93,13 @@ def refuse_undetermined(
         more: displacements and turns (6,) that are undetermined beside what the solution holds.
     """
     if directions := undetermined_directions(solution, unknown, more, slides):
-        raise SamplesError(
+        problem = UndeterminedError(
             f"poses that do not determine {what}: it may {' and '.join(directions)}",
             "poses turned by tens of degrees about at least two different axes",
             hint=advice,
         )
+        problem.directions = tuple(directions)
+        raise problem
 
 
 def undetermined_directions(

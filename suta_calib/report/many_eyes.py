@@ -23,6 +23,7 @@ from suta_calib.report.poses import (
     covariance_record,
     fit_texts,
     fitted_rows,
+    not_found_record,
     pose_record,
     pose_std_record,
     residuals_file,
@@ -148,7 +149,7 @@ def many_eyes_document(calibration: ManyEyesCalibration, data: PosePairs) -> Doc
         **{
             part: {
                 **{one.name: {"usable": usable, **_record(one)} for one in sides[side]},
-                **{one.name: _record_of_none(one) for one in _lost(calibration, side)},
+                **{one.name: not_found_record(one) for one in _lost(calibration, side)},
             }
             for part, side in (("eyes", "X"), ("targets", "Z"))
         },
@@ -214,15 +215,6 @@ def _nothing(calibration: ManyEyesCalibration, side: str) -> Json:
 def _noise_record(noise: Sequence[float]) -> Json:
     """Scatter of one component, m and rad."""
     return {"noise_mm": plain(noise[0], "m"), "noise_deg": plain(noise[1], "rad")}
-
-
-def _record_of_none(one: NotFound) -> Json:
-    return {
-        "usable": False,
-        "rows": one.rows,
-        "undetermined": list(one.directions),
-        "because": one.sentence,
-    }
 
 
 def _between(calibration: ManyEyesCalibration) -> Iterator[PoseBetween]:

@@ -29,6 +29,7 @@ from suta_calib.report.poses import (
     MOST_OUTLIERS,
     between_record,
     covariance_record,
+    not_found_record,
     pose_record,
     pose_std_record,
 )
@@ -76,7 +77,9 @@ def picture_document(
     ``board.yaml`` of a board whose markers nobody had measured. ``named`` cameras and boards have
     X and Z by name.
     """
-    several = len(calibration.cameras) > 1
+    several = len(calibration.cameras) + len(calibration.not_found) > 1
+    # Without a camera that was given it must be clear whose X is whose.
+    named = named or bool(calibration.not_found)
     parts, files = list[Part](), set[str]()
     for camera in calibration.cameras:
         if several:
@@ -114,10 +117,11 @@ def picture_document(
         **(_named(calibration) if named else _record(calibration, first)),
     }
     if several or named:
+        usable = calibration.assessment.usable
         record["cameras"] = {
-            calibration.name_of(camera): _record(calibration, camera)
+            calibration.name_of(camera): {"usable": usable, **_record(calibration, camera)}
             for camera in calibration.cameras
-        }
+        } | {one.name: not_found_record(one) for one in calibration.not_found}
     if calibration.between:
         record["between_eyes"] = between_record(calibration.between)
     record["hand_noise"] = {
@@ -270,6 +274,8 @@ def _named(calibration: PictureCalibration) -> Json:
         for side, name in (("X", camera.label), ("Z", camera.target)):
             record[side][name] = getattr(camera, side)
             record["std"][side][name] = pose_std_record(camera.std["X" if side == "X" else "Z"])
+    for lost in calibration.not_found:
+        record["X"][lost.name] = record["std"]["X"][lost.name] = None
     fitted = [c.inliers & np.isfinite(c.slides[:, 0]) for c in calibration.cameras]
     pairs = [*zip(calibration.cameras, fitted, strict=True)]
     slides = np.concatenate([camera.slides[good] for camera, good in pairs])

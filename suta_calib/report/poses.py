@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from suta_calib.pose_calibration.eye_poses import PoseBetween
     from suta_calib.pose_calibration.optimality import Optimality
     from suta_calib.pose_calibration.robust_answer import RobustAnswer
+    from suta_calib.pose_calibration.undetermined import NotFound
 
 MOST_OUTLIERS: Final = 10
 
@@ -88,6 +89,16 @@ def optimality_record(optimality: Optimality) -> Json:
         "reached": optimality.reached,
         "moved_mm": mm(optimality.moved),
         "moved_deg": None if optimality.turned is None else deg(optimality.turned),
+    }
+
+
+def not_found_record(one: NotFound) -> Json:
+    """An eye, a camera or a target without a pose, as JSON has it."""
+    return {
+        "usable": False,
+        "rows": one.rows,
+        "undetermined": list(one.directions),
+        "because": one.sentence,
     }
 
 

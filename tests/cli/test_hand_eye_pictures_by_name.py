@@ -80,6 +80,34 @@ def test_rows_may_be_of_one_camera_each(scene: Pictures, tmp_path: Path) -> None
     check(answer("hand-eye", *options))
 
 
+def test_a_camera_that_cannot_be_determined_has_no_number(scene: Pictures, tmp_path: Path) -> None:
+    """The right camera looked from one pose of the hand only: the left one keeps its X."""
+    options = named(scene, tmp_path, ["left", "right"])
+    file, poses = tmp_path / "corners.csv", tmp_path / "poses.csv"
+    rows = file.read_text().splitlines()
+    left = [row for row in rows if ",right," not in row]
+    once = [row.split(",") for row in rows if row.startswith("000.png") and ",right," in row]
+    random = np.random.default_rng(1)
+    for k in range(8):
+        for _, point, u, v, eye, target in once:
+            at = (float(u) + 0.1 * random.normal(), float(v) + 0.1 * random.normal())
+            left.append(f"still{k}.png,{point},{at[0]},{at[1]},{eye},{target}")
+    file.write_text("\n".join(left) + "\n")
+    lines = poses.read_text().splitlines()
+    _, x, *pose = lines[1].split(",")
+    lines += [",".join([f"still{k}.png", str(float(x) + 1e-5 * (k + 1)), *pose]) for k in range(8)]
+    poses.write_text("\n".join(lines) + "\n")
+    found = answer("hand-eye", *options, "--out", tmp_path / "out")
+    np.testing.assert_allclose(found["X"]["left"], homogeneous(*X), atol=3e-3)
+    assert found["X"]["right"] is None
+    assert found["std"]["X"]["right"] is None
+    assert not found["cameras"]["right"]["usable"]
+    assert found["cameras"]["right"]["undetermined"]
+    assert found["cameras"]["left"]["usable"]
+    notes = found["verdict"]["notes"]
+    assert notes[0].startswith("X of camera right could not be determined and is not given")
+
+
 def test_exchanged_cameras_are_named(scene: Pictures, tmp_path: Path) -> None:
     late = [np.isin(view.corners.image, scene.hand.image[7:]) for view in scene.views]
     parts = [
