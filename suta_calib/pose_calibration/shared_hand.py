@@ -162,7 +162,10 @@ class _Fitted:
             summed(part.reshape(len(part), 2, AXES).sum(axis=2), rows.eye, count)
             for part in (squares, kept)
         ]
-        typical = np.exp(np.mean(np.log(_ratio(*each)), axis=0))
+        # Few numbers of an eye say nothing of the others.
+        told = each[1].min(axis=1) >= BELIEVED
+        of_each = _ratio(*each)[told] if told.any() else now.eyes
+        typical = np.exp(np.mean(np.log(of_each), axis=0))
         return _Variances(hand, (each[0] + BELIEVED * typical) / (each[1] + BELIEVED))
 
 

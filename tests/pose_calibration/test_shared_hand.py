@@ -7,6 +7,7 @@ import pytest
 from many_eyes import EYES, FINE, TARGETS, Scene, pose_errors, scene
 
 from suta_calib.arrays import FloatArray
+from suta_calib.pose_calibration import shared_hand
 from suta_calib.pose_calibration.many_eyes import ManyEyesCalibration, calibrate_many_eyes
 from suta_calib.terms.hand_eye_start import some_poses
 from suta_calib.terms.synthetic import EXACT, PoseNoise
@@ -74,6 +75,20 @@ def test_errors_of_the_hand_that_eyes_share_leave_the_poses() -> None:
     off = pose_errors(T[None], (R[None], p[None]))[0]
     assert np.abs(off[:3]).max() < 2e-5
     assert (np.abs(off) < 4.0 * std).all()
+
+
+def test_an_eye_of_few_rows_errs_as_the_others_do(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The variances are asked of part of the rests, in which the third eye has no row."""
+    monkeypatch.setattr(shared_hand, "ENOUGH", 20)
+    data = scene(3, 1, 30, seed=6)
+    kept = (data.eye != "top") | np.isin(np.arange(90) // 3, [4, 5, 6])
+    hand, seen = (some_poses(poses, kept) for poses in (data.hand, data.seen))
+    found = calibrate_many_eyes(hand, seen, eye=data.eye[kept], target=data.target[kept])
+    (top,) = (eye for eye in found.eyes if eye.name == "top")
+    assert top.noise is not None
+    assert 0.4 * FINE.position < top.noise[0] < 2.5 * FINE.position
+    off = pose_errors(top.pose[None], some_poses(data.X, np.array([2])))[0]
+    assert (np.abs(off / top.std6) < 4.0).all()
 
 
 def test_rows_of_eyes_that_never_look_from_one_rest_tell_nothing_of_the_hand() -> None:
