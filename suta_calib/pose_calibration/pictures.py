@@ -126,21 +126,24 @@ def hand_eye_from_pictures(
     if len(terms) > 1:
         with error_context(hand.path):
             _refuse_exchanged(terms, views, seed if robust else None)
-    agreeing, undetermined = list[BoolArray | None](), list[UndeterminedError]()
+    agreeing, refusals = list[BoolArray | UndeterminedError](), list[SamplesError]()
     for view, term in zip(views, terms, strict=True):
         try:
             with error_context(view.corners.path):
                 term.check_enough()
-                agreeing.append(_agreeing(term, view, robust, seed))
-        except UndeterminedError as refused:
-            agreeing.append(None)
-            undetermined.append(refused)
-    found = [k for k, good in enumerate(agreeing) if good is not None]
-    if not found:
-        raise undetermined[0]
-    not_found, more_left_out = _not_found(views, agreeing, undetermined)
+                agreeing.append(_agreeing(term, view, robust, seed, alone=len(terms) == 1))
+        except SamplesError as refused:
+            if not isinstance(refused.__cause__, UndeterminedError):
+                raise
+            agreeing.append(refused.__cause__)
+            refusals.append(refused)
+    if len(refusals) == len(terms):
+        raise refusals[0]
+    not_found, more_left_out = _not_found(views, agreeing)
+    found = [k for k, good in enumerate(agreeing) if not isinstance(good, UndeterminedError)]
     views, terms = [views[k] for k in found], [terms[k] for k in found]
-    solution, believed = _settled(terms, [good for good in agreeing if good is not None], robust)
+    good_ones = [good for good in agreeing if not isinstance(good, UndeterminedError)]
+    solution, believed = _settled(terms, good_ones, robust)
     for term in terms:
         refuse_undetermined(solution, term.owners[0], "X", ADVICE)
     hands = _hands(solution)
@@ -187,15 +190,15 @@ def _between(
 
 
 def _not_found(
-    views: Sequence[View],
-    agreeing: Sequence[BoolArray | None],
-    problems: Sequence[UndeterminedError],
+    views: Sequence[View], agreeing: Sequence[BoolArray | UndeterminedError]
 ) -> tuple[tuple[NotFound, ...], list[str]]:
     """Cameras whose pictures leave X open; notes on boards that one camera of several saw so."""
-    known = {view.label for view, good in zip(views, agreeing, strict=True) if good is not None}
-    open_views = [view for view, good in zip(views, agreeing, strict=True) if good is None]
+    both = [*zip(views, agreeing, strict=True)]
+    known = {view.label for view, good in both if not isinstance(good, UndeterminedError)}
     lost, notes = dict[str, NotFound](), list[str]()
-    for view, opened in zip(open_views, problems, strict=True):
+    for view, opened in both:
+        if not isinstance(opened, UndeterminedError):
+            continue
         count = len(view.corners.images)
         if view.label in known:
             notes.append(
@@ -317,13 +320,16 @@ def _term(
     )
 
 
-def _agreeing(term: CameraView, view: View, robust: bool, seed: int) -> BoolArray:
+def _agreeing(term: CameraView, view: View, robust: bool, seed: int, *, alone: bool) -> BoolArray:
     """(n,) pictures whose boards agree with one X; refuses what no X explains, by its cause."""
     posed, hand, eye = usable_poses(term)
     answer, problem = None, None
     try:
         answer = calibrate_hand_eye(hand, eye, setup=term.setup, robust=robust, seed=seed)
     except SamplesError as refused:
+        # Beside others a camera whose motions leave it open needs no further cause.
+        if isinstance(refused, UndeterminedError) and not alone:
+            raise
         problem = refused
     if answer is None or loose(answer):
         found_instead, hint = cause_of_disagreement(term, view.corners, view.camera, seed)
