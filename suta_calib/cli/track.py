@@ -101,6 +101,13 @@ def _payload(
     "compliances in --result; default: what its samples state, if they all state the same.",
     callback=_payload,
 )
+@option(
+    "--recalibrate POINTS.yaml",
+    "File of points that do not move. Each rest on one of them shows how the encoders' zeros drift "
+    "(needs --result). Poses stay those of the calibration; what the touches would add stands "
+    "beside them.",
+    PATH,
+)
 @option("--tool TIP.json", "Offset of the tip, as pivot --out writes it.", PATH)
 @option(
     "--igtl [HOST:]PORT",
@@ -170,6 +177,10 @@ def _print_end(tracking: Tracking, *, stats: bool) -> None:
         to.print(f"± is from the {SOURCE_WORDS[calibration.source]}{held}{fixed}.", soft_wrap=True)
     for note in tracking.notes:
         to.print(note, soft_wrap=True)
+    if (live := tracking.recalibration) is not None:
+        drifts = (f"{j} {deg(v):+.3f} ± {deg(s):.3f}" for j, (v, s) in live.zeros.items())
+        touches = f"{len(live.touches)} touch{'es' * (len(live.touches) != 1)}"
+        to.print(f"Drift of the zeros by {touches}, deg: {', '.join(drifts)}", soft_wrap=True)
     for publisher in session.publishers:
         path = getattr(publisher, "path", None)
         if path is not None and publisher.published:

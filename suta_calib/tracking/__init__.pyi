@@ -4,6 +4,10 @@ from .live import TrackOptions as TrackOptions
 from .path_accuracy import compare as compare
 from .publisher import Publisher as Publisher
 from .publisher import UdpPublisher as UdpPublisher
+from .recalibration import KnownPoint as KnownPoint
+from .recalibration import Recalibration as Recalibration
+from .recalibration import RecalibrationSpec as RecalibrationSpec
+from .recalibration import read_recalibration as read_recalibration
 from .recording import CsvRecorder as CsvRecorder
 from .recording import ParquetRecorder as ParquetRecorder
 from .session import LatencyStatistics as LatencyStatistics

@@ -14,16 +14,20 @@ from suta_calib.arrays import FloatArray
 from suta_calib.atomic import check_folder, check_outputs
 from suta_calib.device.bus import Bus
 from suta_calib.device.device_file import read_device
+from suta_calib.device.formats import format_of
 from suta_calib.device.reading import Statistics
 from suta_calib.display import Displayable
 from suta_calib.errors import InputError, OutputError
 from suta_calib.inputs import UrdfFile
+from suta_calib.measurements.sample_files import TEMPERATURE
 from suta_calib.model.arm import ArmModel
 from suta_calib.model.parameters import BENDING, COMPLIANCE
+from suta_calib.tracking.docking import Docking
 from suta_calib.tracking.igtl import IgtlPublisher
 from suta_calib.tracking.provenance import arm_of_job, made_from
 from suta_calib.tracking.publisher import Publisher, UdpPublisher, pose_dict
 from suta_calib.tracking.read_back import load_job
+from suta_calib.tracking.recalibration import Recalibration, read_recalibration
 from suta_calib.tracking.recording import CsvRecorder, ParquetRecorder, part_of
 from suta_calib.tracking.session import TrackingSession, low_latency
 from suta_calib.tracking.tracker import NO_TOOL, TipKinematics, Tracker, followed, read_tool
@@ -61,6 +65,8 @@ class TrackOptions(Displayable):
         force: whether they may take the place of earlier recordings.
         seconds: how long from the first reading on, s; until it is stopped by default.
         rate: most poses a second of the device's clock; one for every frame by default.
+        recalibrate: a file of points that do not move (`read_recalibration`): a rest on one of
+            them shows how the zeros drift.
         payload: what the tip carries, kg, and its centre in the frame of the tip, m; what the
             samples of the result say, if they all say the same, by default.
     """
@@ -82,6 +88,7 @@ class TrackOptions(Displayable):
     seconds: float | None = None
     rate: float | None = None
     chain: str = ""
+    recalibrate: Path | None = None
     payload: tuple[float, float, float, float] | None = None
 
     def model(self) -> ArmModel:
@@ -128,6 +135,7 @@ class Tracking:
         tool: on the tip.
         uncertainty: of the arm's calibration, the doubt about what that held among it, or None.
         payload: (4,) what the tip carries, kg and m, where the arm yields and it is known.
+        recalibration: of the zeros, if that is asked for; the poses stay those of the calibration.
         session: counts, latency and the latest poses; there once the context is entered.
         events: everything that went wrong and went on, in order.
         interrupted: whether Ctrl-C ended it.
@@ -143,7 +151,8 @@ class Tracking:
     def __init__(self, options: TrackOptions) -> None:
         self.options = options
         recordings = [path for path in (options.csv, options.parquet) if path is not None]
-        check_outputs(recordings, [options.arm, options.device, options.result, options.tool])
+        inputs = [options.arm, options.device, options.result, options.tool, options.recalibrate]
+        check_outputs(recordings, inputs)
         for path in recordings:
             existing = next((p for p in (path, part_of(path)) if p.is_file()), None)
             if existing is not None and not options.force:
@@ -163,15 +172,28 @@ class Tracking:
             self.tool = read_tool(options.tool, anyway=options.anyway)
         self.payload, self._on_payload = self._carried()
         kinematics = TipKinematics(self.arm, self.tool, self.uncertainty, self.payload)
-        self._tracker = Tracker(self.arm, self.device.names, kinematics, options.device)
+        self.recalibration: Recalibration | None = None
+        correction, warmth = None, None
+        if options.recalibrate is not None:
+            if self.uncertainty is None:
+                expected = "--result: the ± of the calibration that it begins with"
+                raise InputError("--recalibrate alone", expected)
+            spec = read_recalibration(options.recalibrate)
+            self.recalibration = Recalibration(self.arm, self.uncertainty, spec, self.tool)
+            correction = self.recalibration.correction
+            if TEMPERATURE in self.device.extra_columns:
+                warmth = self.device.extra_columns.index(TEMPERATURE)
+        self._tracker = Tracker(
+            *(self.arm, self.device.names, kinematics, options.device), correction, warmth
+        )
         self.events: list[str] = []
         self.interrupted = False
 
-        def note(event: str) -> None:
-            self.events.append(event)
-            self.on_event(event)
+        self._bus = Bus(self.device, reconnect=True, on_event=self._note)
 
-        self._bus = Bus(self.device, reconnect=True, on_event=note)
+    def _note(self, event: str) -> None:
+        self.events.append(event)
+        self.on_event(event)
 
     def _carried(self) -> tuple[FloatArray | None, str]:
         """What the tip carries, and what must be known of it, of an arm that yields."""
@@ -236,6 +258,10 @@ class Tracking:
                 if path is not None:
                     check_folder(path.parent)
                     publishers.append(stack.enter_context(recorder(path, self.arm.joints)))
+            if self.recalibration is not None:
+                # Behind the others, which must not wait for it.
+                even = not format_of(self.device).has_clock
+                publishers.append(Docking(self.recalibration, self._note, even=even))
             self.session = TrackingSession(self._tracker, publishers, options.rate)
             self._publishers = stack.pop_all()
         for publisher in publishers:
@@ -270,7 +296,7 @@ class Tracking:
     def as_dict(self) -> dict[str, Any]:
         """What was tracked, and what happened, as JSON data."""
         calibration, statistics, load = self.uncertainty, self.statistics, self.payload
-        last = self.session.last_valid
+        last, live = self.session.last_valid, self.recalibration
         counts = {key: value for key, value in vars(statistics).items() if isinstance(value, int)}
         flags = {
             name: {"errors": int(errors), "warnings": int(warnings)}
@@ -296,6 +322,7 @@ class Tracking:
             if load is None
             else {"mass_kg": float(load[0]), "position_mm": mm(load[1:]).tolist()},
             "notes": self.notes,
+            **({} if live is None else {"recalibration": live.as_dict()}),
             **self.session.summary(),
             "last": last and pose_dict(last),
             "stream": counts | {"flags": flags},

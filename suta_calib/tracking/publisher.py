@@ -106,6 +106,11 @@ def pose_dict(pose: TrackedPose) -> dict[str, Any]:
         "quaternion": pose.quaternion.tolist() if valid else None,
         "std": None if pose.std is None else pose.std.tolist(),
     }
+    if pose.shift is not None and pose.shift_std is not None:
+        content["recalibrated"] = {
+            "shift": pose.shift.tolist(),
+            "std": pose.shift_std.tolist(),
+        }
     if pose.errors:
         content["errors"] = list(pose.errors)
     if pose.warnings:

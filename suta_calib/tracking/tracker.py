@@ -6,10 +6,10 @@ Compiled, it takes some ten microseconds.
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, TypeAlias
 
 import casadi as ca
 import numpy as np
@@ -56,6 +56,9 @@ class TrackedPose(Displayable):
             axes, rad; None likewise.
         errors: joints whose encoder says that its position is invalid: there is no pose then.
         warnings: joints whose encoder warns; their pose is valid.
+        shift: (3,) what a re-calibration would add to the position, m; None without one.
+        shift_std: (3,) standard uncertainty of the sum, m; None likewise.
+        temperature: of the arm, °C, where the device sends one.
     """
 
     sequence: int
@@ -70,6 +73,9 @@ class TrackedPose(Displayable):
     errors: tuple[str, ...] = ()
     warnings: tuple[str, ...] = ()
     turn_std: FloatArray | None = None
+    shift: FloatArray | None = None
+    shift_std: FloatArray | None = None
+    temperature: float | None = None
 
     @property
     def valid(self) -> bool:
@@ -236,6 +242,7 @@ def followed(parameters: ParameterSet, values: Mapping[str, float]) -> str:
     )
 
 
+Correction: TypeAlias = Callable[[FloatArray, float | None], tuple[FloatArray, FloatArray]]
 _NO_POSE: Final = (np.full((3, 3), np.nan), np.full(3, np.nan), None, None)
 _NO_QUATERNION: Final = np.full(4, np.nan)
 
@@ -252,6 +259,9 @@ class Tracker:
         device_joints: names in the order of the readings' angles.
         kinematics: of the same arm.
         device: the device's file, for messages.
+        correction: of a re-calibration: from angles and temperature what it would add to the
+            position (3,), m, and the standard uncertainty of the sum (3,), m.
+        warmth: place of the temperature in what the device sends beside the joints.
 
     Raises:
         InputError: the device lacks a joint of the chain.
@@ -263,8 +273,11 @@ class Tracker:
         device_joints: Sequence[str],
         kinematics: TipKinematics,
         device: Path | None = None,
+        correction: Correction | None = None,
+        warmth: int | None = None,
     ) -> None:
         self.kinematics = kinematics
+        self._correction, self._warmth = correction, warmth
         self._columns = matched_joints(arm, device_joints, device)
         self._named = list(zip(arm.joints, self._columns.tolist(), strict=True))
         self._since_1970 = time.time() - time.perf_counter()
@@ -280,6 +293,12 @@ class Tracker:
             _NO_POSE if errors else self.kinematics.with_turns(angles)
         )
         turn = _NO_QUATERNION if errors else quaternion(rotation)
+        temperature = None if self._warmth is None else float(reading.extra[self._warmth])
+        shift, shift_std = (
+            (None, None)
+            if self._correction is None or errors
+            else self._correction(angles, temperature)
+        )
         return TrackedPose(
             reading.sequence,
             reading.time,
@@ -293,6 +312,9 @@ class Tracker:
             errors,
             warnings,
             turn_std,
+            shift,
+            shift_std,
+            temperature,
         )
 
 
