@@ -21,7 +21,8 @@ from simulated import SUTA_URDF
 from swinging_arm import emulated
 from tracking_scene import TRUTH, calibrated
 
-from suta_calib.emulation import EmulatedArm, Emulation, Faults
+from suta_calib.emulation import EmulatedArm, Emulation, EmulationOptions, Faults
+from suta_calib.emulation.emulated import emulated_device
 from suta_calib.measurements.csv_table import read_csv_table
 from suta_calib.model.arm import ArmModel
 from suta_calib.tracking.trajectory import read_trajectory
@@ -281,3 +282,27 @@ def test_the_console_says_where_how_late_and_how_old(tmp_path: Path, capsys):
     assert "no reading for " in text
     # How long depends on how busy the machine is, but not whether.
     assert re.search(r"Tip in the base: NO READING FOR [1-9]\.", text)
+
+
+@pytest.mark.slow
+def test_a_rest_on_a_point_shows_the_drift_beside_the_poses(tmp_path: Path, capsys):
+    scene = calibrated(tmp_path)
+    options = EmulationOptions(SUTA_URDF, tip="tip", rate=200.0, motion="still")
+    points = tmp_path / "points.yaml"
+    with EmulatedArm(emulated_device(options).emulation, patient=True) as emulator:
+        device = emulator.write_device(tmp_path / "device.yaml")
+        command = ("track", tmp_path / "calibrated.urdf", "--tip", "tip", "--device", device)
+        known = ("--result", scene.path)
+        place = 1e3 * np.array(answer(*command, *known, "--seconds", 0.3)["last"]["position"])
+        points.write_text(f"points: {{dock: {{position_mm: {(place + 0.2).tolist()}}}}}\n")
+        more = ("--recalibrate", points, "--seconds", 4)
+        assert cli(*command, *known, *more, "--json") == 0
+        found = json.loads(capsys.readouterr().out)
+        assert cli(*command, *known, *more) == 0
+    shown = capsys.readouterr().out
+    assert found["recalibration"]["touches"] == 1
+    assert found["publishers"]["recalibrate"] == {"touches": 1, "rests elsewhere": 0}
+    assert np.linalg.norm(found["last"]["position"] - place / 1e3) < 1e-4
+    assert 1e-6 < np.linalg.norm(found["last"]["recalibrated"]["shift"]) < 1e-3
+    assert "Drift of the zeros by 1 touch, deg: joint_1" in shown
+    assert "--recalibrate alone; expected --result" in refused(*command, "--recalibrate", points)
