@@ -158,7 +158,7 @@ class MeasureOptions(Displayable):
                 raise InputError("--camera", expected)
 
     @property
-    def seen(self) -> tuple[str, Path] | None:
+    def camera_files(self) -> tuple[str, Path] | None:
         """Where pictures come from, and the folder of their samples; None without a camera."""
         if self.camera is None:
             return None
@@ -258,8 +258,8 @@ def measure(
                 where="extra_columns",
             )
         see = nothing_seen
-        if options.seen is not None:
-            source, folder = options.seen
+        if options.camera_files is not None:
+            source, folder = options.camera_files
             see = stack.enter_context(closing(RestPictures(source, folder / FOLDER)))
             columns = (*columns, IMAGE)
         # What is felt in motion is more than what is wanted of a rest.
@@ -515,8 +515,8 @@ def _plan(
     if options.free:
         chain = options.chain, ""
         out = options.job.parent / f"free_{options.repeat}.csv"
-        if options.seen is not None:
-            out = options.seen[1] / "samples.csv"
+        if options.camera_files is not None:
+            out = options.camera_files[1] / "samples.csv"
         resting = options.continuous is None
         kinds = [kind.kind for kind in _kinds_over(columns) if resting]
         if kinds and any(row.kind in kinds for row in read_outline(options.job).rows):

@@ -16,10 +16,10 @@ import numpy as np
 
 from suta_calib.acquisition.motor_search import (
     OFFSET_STD,
+    CrossTouches,
     MotorMapOptions,
     MotorOrder,
     OrderSearch,
-    Touches,
 )
 from suta_calib.arrays import FloatArray
 from suta_calib.assessment import Assessment, judged
@@ -220,7 +220,7 @@ def map_motors(
         InputError: joints that slide or are too many, no touches, or too few of them.
     """
     _check_arm(arm, options)
-    touches = Touches.of(arm, terms)
+    touches = CrossTouches.of(arm, terms)
     search = OrderSearch(arm, touches, options)
     answer, factor = search.orders(1.0), 1.0
     if not (answer and answer[0].rms <= options.tolerance):

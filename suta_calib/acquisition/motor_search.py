@@ -84,8 +84,8 @@ class MotorOrder:
 
 
 @dataclass(frozen=True, eq=False)
-class Touches:
-    """Touches of all terms.
+class CrossTouches:
+    """CrossTouches of all terms.
 
     Attributes:
         readings: (k, n) rad.
@@ -103,7 +103,7 @@ class Touches:
     flat: bool
 
     @classmethod
-    def of(cls, arm: ArmModel, terms: Sequence[Term]) -> Touches:
+    def of(cls, arm: ArmModel, terms: Sequence[Term]) -> CrossTouches:
         """Those of the terms that touch an artefact.
 
         Raises:
@@ -130,19 +130,19 @@ class Touches:
                 f"at least {fewest} at each placement, and {len(arm.joints) + fewest * len(names)} "
                 "together"
             )
-            found = ", ".join(f"{n} at {name}" for name, n in zip(names, counts, strict=True))
-            raise InputError(f"touches: {found}", expected, hint="touch more crosses")
-        known = {
+            there = ", ".join(f"{n} at {name}" for name, n in zip(names, counts, strict=True))
+            raise InputError(f"touches: {there}", expected, hint="touch more crosses")
+        stated = {
             k: (pose.rotation, pose.position, _stds(pose))
             for k, name in enumerate(names)
             if (pose := given.get(name, given.get("") if len(names) == 1 else None)) is not None
             and pose.rotation is not None
         }
         at = np.concatenate(marks)
-        return cls(np.concatenate(readings), at, place, known, bool(np.ptp(at[:, 2]) < 1e-3))
+        return cls(np.concatenate(readings), at, place, stated, bool(np.ptp(at[:, 2]) < 1e-3))
 
 
-class _Fit(NamedTuple):
+class _FittedOrders(NamedTuple):
     """Hypotheses that were fitted: offsets (h, n), tip (h, 3), cost (h,), rms (h,) and ``above``.
 
     ``above`` (h,) is how far the hand is above the printed side of the sheet, m.
@@ -158,7 +158,7 @@ class _Fit(NamedTuple):
 class OrderSearch:
     """Least squares of many hypotheses at once, by Levenberg and Marquardt."""
 
-    def __init__(self, arm: ArmModel, touches: Touches, options: MotorMapOptions) -> None:
+    def __init__(self, arm: ArmModel, touches: CrossTouches, options: MotorMapOptions) -> None:
         self.arm, self.touches, self.options = arm, touches, options
         self._function = arm.function([f"{joint}.offset" for joint in arm.joints])
         self._places = int(touches.place.max()) + 1
@@ -189,19 +189,19 @@ class OrderSearch:
             fit = self._fitted(readings, motors[which], signs[which], offsets, steps, rows)
             best = np.argsort(fit.cost, kind="stable")[:most]
             which, offsets = which[best], fit.offsets[best]
-            fit = _Fit(*(array[best] for array in fit))
+            fit = _FittedOrders(*(array[best] for array in fit))
         inside = (fit.offsets > lower[which]) & (fit.offsets < upper[which])
         plausible = inside.all(axis=1) & ((fit.above > 0.0) | (not self.touches.flat))
-        found = dict[bytes, MotorOrder]()
+        orders = dict[bytes, MotorOrder]()
         for k in np.argsort(np.where(plausible, fit.cost, np.inf), kind="stable"):
             order = MotorOrder(
                 *(motors[which[k]], signs[which[k]].astype(np.intp), wrap(fit.offsets[k])),
                 *(fit.tip[k], float(fit.rms[k]) if plausible[k] else math.inf),
                 float(fit.cost[k]),
             )
-            if plausible[k] or not found:
-                found.setdefault(order.motors.tobytes() + order.signs.tobytes(), order)
-        return [*found.values()]
+            if plausible[k] or not orders:
+                orders.setdefault(order.motors.tobytes() + order.signs.tobytes(), order)
+        return [*orders.values()]
 
     def _hypotheses(self) -> tuple[IntArray, FloatArray]:
         """Motors (h, n) and signs (h, n): all orders, or of many joints all exchanged pairs."""
@@ -212,8 +212,8 @@ class OrderSearch:
             for a, b in combinations(range(n), 2):
                 swapped = {a: b, b: a}
                 orders.append(tuple(swapped.get(k, k) for k in range(n)))
-        known = [self.options.signs.get(joint) for joint in self.arm.joints]
-        signs = [*product(*((1, -1) if sign is None else (sign,) for sign in known))]
+        given = [self.options.signs.get(joint) for joint in self.arm.joints]
+        signs = [*product(*((1, -1) if sign is None else (sign,) for sign in given))]
         pairs = [*product(orders, signs)]
         return (
             np.array([order for order, _ in pairs], dtype=np.intp),
@@ -239,13 +239,13 @@ class OrderSearch:
         start: FloatArray,
         steps: int,
         rows: IntArray | slice,
-    ) -> _Fit:
+    ) -> _FittedOrders:
         parts = [
             self._part(readings[rows], motors[k], signs[k], start[k], steps, rows)
             for first in range(0, len(motors), _AT_ONCE)
             for k in (slice(first, first + _AT_ONCE),)
         ]
-        return _Fit(*(np.concatenate(arrays) for arrays in zip(*parts, strict=True)))
+        return _FittedOrders(*(np.concatenate(arrays) for arrays in zip(*parts, strict=True)))
 
     def _part(
         self,
@@ -255,10 +255,10 @@ class OrderSearch:
         start: FloatArray,
         steps: int,
         rows: IntArray | slice,
-    ) -> _Fit:
+    ) -> _FittedOrders:
         n = start.shape[1]
         signed = signs[:, None, :] * readings[:, motors].transpose(1, 0, 2)
-        system = _System(self, signed, rows)
+        system = _TouchEquations(self, signed, rows)
         unknowns = np.hstack([start, np.zeros((len(start), 3))])
         damping = np.full(len(start), 1e-3)
         cost, slopes, residual, _ = system.at(unknowns)
@@ -274,7 +274,7 @@ class OrderSearch:
             residual = np.where(better[:, None], new_residual, residual)
         cost, _, residual, above = system.at(unknowns)
         rms = _ASSUMED * np.sqrt((residual**2).sum(axis=1) / signed.shape[1])
-        return _Fit(unknowns[:, :n], unknowns[:, n:], cost, rms, above)
+        return _FittedOrders(unknowns[:, :n], unknowns[:, n:], cost, rms, above)
 
     def uncertainty(
         self, order: MotorOrder, factor: float
@@ -282,14 +282,14 @@ class OrderSearch:
         """Stds (n,) of the offsets, gains (n,) of the readings beside 1, and their stds (n,)."""
         n = len(order.offsets)
         signed = order.signs * (factor * self.touches.readings)[:, order.motors]
-        system = _System(self, signed[None], slice(None))
+        system = _TouchEquations(self, signed[None], slice(None))
         unknowns = np.concatenate([order.offsets, order.tip])[None]
         _, slopes, residual, _ = system.at(unknowns)
         slope, left = slopes[0], residual[0]
         noise = max(float(left @ left) / self.redundancy, 0.04)
-        known = np.diag(system.known)
+        precision = np.diag(system.known)
         information = slope.T @ slope / noise
-        covariance = np.linalg.inv(information + known)
+        covariance = np.linalg.inv(information + precision)
         for place, (rotation, _, stds) in self.touches.given.items():
             # A pose that is known to a few millimetres is taken as exact: what that does.
             rows = np.flatnonzero(self.touches.place == place)
@@ -309,7 +309,7 @@ class OrderSearch:
         return np.sqrt(np.diag(covariance)[:n]), gains[-n:], of_gain
 
 
-class _System:
+class _TouchEquations:
     """Residuals of hypotheses (h) over touches, and their derivatives by offsets and tip.
 
     The poses of the placements are eliminated: each is registered (Kabsch), and its directions are
