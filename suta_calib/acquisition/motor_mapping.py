@@ -29,12 +29,14 @@ from suta_calib.errors import InputError
 from suta_calib.geometry.numbers import wrap
 from suta_calib.model.arm import ArmModel
 from suta_calib.terms import Term
-from suta_calib.units import mm
+from suta_calib.units import deg, from_deg, mm
 from suta_calib.words import enumerated, listed
 
 # An order that costs so much more than the best is excluded. Of the 3840 of five joints one in a
 # hundred arms would then lose the right one by chance: 3840 · exp(-25 / 2) = 0.014.
 _EXCLUDED: Final = 25.0
+# Zeros so far apart are no matter of horns put on a tooth or two off, rad.
+_MIRRORED: Final = from_deg(60.0)
 # Of 8 joints, with exchanged pairs alone, there are 7,424 hypotheses; of more, too many.
 _MOST_JOINTS: Final = 8
 
@@ -182,10 +184,17 @@ class MotorMap(Displayable):
                 f"fit {both}. Touch more crosses, with these joints far from where they were."
             )
         hint = ",".join(f"{name}=1" for name in turned)
+        # An arm that is mirrored as a whole has its zeros on the other side.
+        far = float(np.abs(wrap(other.offsets - best.offsets)).max())
+        remedy = "Touch more crosses, with the hand turned by 60 degrees or more"
+        if far > _MIRRORED:
+            remedy = (
+                f"With the one, zeros are up to {deg(far):.0f} degrees from those of the other: "
+                "the limits of the joints in the URDF would tell them apart. Add them"
+            )
         return (
             f"Not decided: whether {enumerated(turned)} count{'s' * (len(turned) == 1)} "
-            f"forwards or backwards. Both fit {both}. Touch more crosses, with the arm in other "
-            f"postures and the hand turned by 60 degrees or more, or state what you know: "
+            f"forwards or backwards. Both fit {both}. {remedy}, or state what you know: "
             f"--sign {hint}."
         )
 

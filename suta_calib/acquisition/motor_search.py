@@ -46,7 +46,7 @@ class MotorMapOptions:
         signs: by joint, signs that are known.
         tip_std: how well the place of the tip in the hand is known, m per axis.
         tolerance: how far the tip may stay from the crosses (RMS), m.
-        starts: offsets from which each hypothesis is fitted.
+        starts: offsets from which each hypothesis is fitted; four more for an arm without limits.
         seed: of those.
     """
 
@@ -181,7 +181,10 @@ class OrderSearch:
         random = np.random.default_rng(self.options.seed)
         low, high = np.maximum(lower, -np.pi), np.minimum(upper, np.pi)
         starts = [np.clip(0.0, lower, upper)]
-        starts += [random.uniform(low, high) for _ in range(self.options.starts - 1)]
+        # Without limits zeros may be anywhere: the mirror image of the arm must be found too.
+        limited = np.isfinite(self._lower).all() and np.isfinite(self._upper).all()
+        further = self.options.starts - 1 if limited else self.options.starts + 3
+        starts += [random.uniform(low, high) for _ in range(further)]
         which, offsets = np.tile(np.arange(len(motors)), len(starts)), np.concatenate(starts)
         # Some rows tell the likely hypotheses from the others, and few steps do.
         few = np.unique(np.linspace(0, len(readings) - 1, 12).astype(np.intp))

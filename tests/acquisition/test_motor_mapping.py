@@ -2,20 +2,24 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 from hobby_arms import sheet
-from servo_arms import SLOPE, TABLE, TICKS, ServoArm, arm_with_pen, placed
+from servo_arms import SLOPE, TABLE, TICKS, URDF, ServoArm, arm_with_pen, placed
 
 from suta_calib.acquisition.motor_mapping import MotorMap, map_motors
 from suta_calib.acquisition.motor_search import MotorMapOptions
 from suta_calib.errors import InputError
 from suta_calib.geometry.numbers import rotation_from_rpy, wrap
+from suta_calib.job.pen import PEN, with_pen
 from suta_calib.measurements import Samples
+from suta_calib.model.arm import ArmModel
 from suta_calib.terms import ArmPoses, GivenPose, TouchedLandmark
 
 POSTURE = (0.0, -20.0, 45.0, 45.0, 0.0)
@@ -129,6 +133,19 @@ def test_a_direction_that_does_not_show_is_not_guessed() -> None:
     known = mapped(servos, still, signs={"wrist_roll": SIGNS[4]})
     assert known.status == "found"
     assert known.best.signs.tolist() == [*SIGNS]
+
+
+def test_an_arm_without_limits_may_be_its_own_mirror_image() -> None:
+    """Shoulder, elbow and wrist the other way, with zeros on the other side, fit as well."""
+    text = re.sub(r"<limit[^>]*/>", "", with_pen(URDF, "hand", Path(), Path()))
+    arm = ArmModel.from_urdf(text.replace('"revolute"', '"continuous"'), PEN)
+    servos = ServoArm.made(arm, 1)
+    answer = mapped(servos, touched(servos), signs={"wrist_roll": 1})
+    assert answer.best.signs.tolist() == [1] * 5
+    assert answer.status == "ambiguous"
+    assert (
+        "the limits of the joints in the URDF would tell them apart" in answer.assessment.notes[0]
+    )
 
 
 def test_a_known_pose_of_the_sheet_shows_the_first_zero(
