@@ -15,10 +15,11 @@ from suta_calib.job.schema import JOB_KEYS
 from suta_calib.measurements.artefact import ARTEFACT_KEYS
 from suta_calib.measurements.board import BOARD_KEYS
 from suta_calib.measurements.camera import CAMERA_KEYS
-from suta_calib.measurements.fields import Fields
+from suta_calib.measurements.fields import Fields, fields_of
 from suta_calib.registry import shipped
 from suta_calib.simulation.schema import SIMULATION_KEYS, set_keys
 from suta_calib.terms import KINDS
+from suta_calib.tracking.recalibration import RecalibrationSpec
 
 
 @dataclass(frozen=True)
@@ -50,6 +51,11 @@ grids:
   G: {x_mm: [450, 500], y_mm: [-50, 50], z_mm: 0, yaw_deg: [0, 90]}
 points:
   F1: {position_mm: [460, 10, 150], directions: 20, cone_deg: 60}
+"""
+POINTS_EXAMPLE = """\
+points:
+  dock: {position_mm: [250, 0, 40], sigma_mm: 1}
+drift: {zeros_deg: 0.1, hours: 2}
 """
 FILES = (
     FileFormat(
@@ -103,6 +109,12 @@ FILES = (
         "Candidates for the next measurements, for `suta-calib plan --candidates`.",
         {"": CANDIDATE_KEYS},
         CANDIDATES_EXAMPLE,
+    ),
+    FileFormat(
+        "points.yaml",
+        "Points that do not move, and what may drift, for `suta-calib track --recalibrate`.",
+        {"": fields_of(RecalibrationSpec)},
+        POINTS_EXAMPLE,
     ),
 )
 
