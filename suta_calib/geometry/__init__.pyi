@@ -12,6 +12,7 @@ from .numbers import rpy_from_rotation as rpy_from_rotation
 from .numbers import skew as skew
 from .numbers import vector_from_rotation as vector_from_rotation
 from .numbers import wrap as wrap
+from .planar import line_in as line_in
 from .symbols import symbolic_chordal_log as symbolic_chordal_log
 from .symbols import symbolic_rotation as symbolic_rotation
 from .symbols import symbolic_skew as symbolic_skew

@@ -28,6 +28,9 @@ from .files import lines_of as lines_of
 from .files import read_text as read_text
 from .files import write_text as write_text
 from .pose_files import ToolPoses as ToolPoses
+from .profiles import Profiles as Profiles
+from .profiles import profiles_of as profiles_of
+from .profiles import read_profiles as read_profiles
 from .sample_files import JointRange as JointRange
 from .sample_files import SampleColumns as SampleColumns
 from .sample_files import check_readings as check_readings

@@ -112,6 +112,19 @@ class HandPoses(_PoseRows):
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
+class ScanPoses(_PoseRows):
+    """``T_base_hand`` with the profile of a line scanner that was taken there.
+
+    Attributes:
+        pose: rotations (n, 3, 3) and positions (n, 3), m.
+        scan: (n,) the profile's name.
+    """
+
+    pose: tuple[FloatArray, FloatArray]
+    scan: NDArray[np.str_]
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
 class PointSet(_PoseRows):
     """Points in one frame.
 
@@ -189,6 +202,29 @@ def read_hand_poses(source: str | Path | CsvTable) -> HandPoses:
     of_eye = np.unique(eyes, return_inverse=True)[1].astype(float)
     _check_different(table, *pose, of_eye)
     return HandPoses(**_read(table, notes), pose=pose, image=image, eye=eye)
+
+
+def read_scan_poses(source: str | Path | CsvTable) -> ScanPoses:
+    """Columns ``x,y,z,qx,qy,qz,qw`` (or ``a_x,…``) and ``scan``.
+
+    Raises:
+        SamplesError: as `read_tool_poses`, or a scan twice.
+
+    Warns:
+        SutaCalibWarning: as `read_tool_poses`.
+    """
+    table = _table(source)
+    prefix = "a_" if any(name.startswith("a_") for name in table.columns) else ""
+    pose, notes = _poses(table, prefix)
+    scan = table.labels("scan", "a column with the name of the profile taken at each pose")
+    first: dict[str, int] = {}
+    for row, name in enumerate(scan.tolist()):
+        if name in first:
+            problem = f"{name!r} as in line {table.lines[first[name]]}"
+            raise table.refuse(row, "scan", problem, "each scan only once")
+        first[name] = row
+    _check_different(table, *pose)
+    return ScanPoses(**_read(table, notes), pose=pose, scan=scan)
 
 
 def read_points(source: str | Path | CsvTable) -> PointSet:
