@@ -90,6 +90,12 @@ SCENES = {
         "\n    board_pose: {position_mm: [600, 200, -100]}",
         f"{CAMERA}\n    corners: corners/set.csv",
     ),
+    "profile": (
+        "\n    samples: 60\n    sphere_radius_mm: 40"
+        "\n    scanner_in_tip: {position_mm: [20, -50, 80]}"
+        "\n    target_in_base: {position_mm: [350, 100, -100]}",
+        "\n    sphere_radius_mm: 40\n    profiles: profiles/set.csv",
+    ),
     "points": (
         "\n    samples: 60\n    camera_pose: {position_mm: [20, -50, 80]}"
         "\n    points: {A: {position_mm: [600, 200, -100]}}",

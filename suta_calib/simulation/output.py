@@ -12,6 +12,7 @@ from suta_calib.atomic import refuse_inputs
 from suta_calib.errors import OutputError
 from suta_calib.geometry.numbers import homogeneous, quaternion_from_rotation, rpy_from_rotation
 from suta_calib.measurements import write_corners, write_samples, write_text
+from suta_calib.measurements.profiles import Profiles, write_profiles
 from suta_calib.measurements.sample_files import has_no_rows
 from suta_calib.measurements.yaml_text import yaml_text
 from suta_calib.model.parameters import POSITION
@@ -43,8 +44,12 @@ def write_simulation(simulation: Simulation, folder: Path) -> list[Path]:
     """
     folder = Path(folder)
     _check_readme(folder / "README.md")
-    corner_files = [file.corners[0] for file in simulation.files if file.corners is not None]
-    written = [*(file.path for file in simulation.files), *corner_files, "truth.yaml", "README.md"]
+    seen = [each for file in simulation.files for each in (file.corners, file.profiles) if each]
+    written = [
+        *(file.path for file in simulation.files),
+        *(name for name, _ in seen),
+        *("truth.yaml", "README.md"),
+    ]
     # Before the first of them is written.
     empty = still_empty(simulation, folder)
     refuse_inputs(dict.fromkeys([*(folder / name for name in written), *empty]))
@@ -61,10 +66,12 @@ def write_simulation(simulation: Simulation, folder: Path) -> list[Path]:
         except OSError as problem:
             raise OutputError(f"{path.parent}: not created: {problem.strerror}") from problem
         write_samples(path, file.samples)
-        if file.corners is not None:
-            name, corners = file.corners
-            (folder / name).parent.mkdir(parents=True, exist_ok=True)
-            write_corners(folder / name, corners)
+    for name, content in seen:
+        (folder / name).parent.mkdir(parents=True, exist_ok=True)
+        if isinstance(content, Profiles):
+            write_profiles(folder / name, content)
+        else:
+            write_corners(folder / name, content)
     write_text(folder / "truth.yaml", truth_text(simulation))
     write_text(folder / "README.md", _readme(simulation))
     return [folder / name for name in written]

@@ -15,7 +15,7 @@ from suta_calib.simulation.inverse_kinematics import InverseKinematics, Matching
 from suta_calib.simulation.noise import stream
 from suta_calib.simulation.schema import PoseSpec, SetSpec, SimulationSpec
 from suta_calib.terms import ArmPoses, Setup, Term
-from suta_calib.terms.external_frame import ExternalFrame, pose_parameters, pose_values
+from suta_calib.terms.external_frame import ExternalFrame
 from suta_calib.terms.given_pose import GivenPose
 from suta_calib.terms.landmark import seated
 from suta_calib.terms.several_chains import over_chain
@@ -222,14 +222,11 @@ def own_values(plan: SetSpec, term: Term) -> dict[str, float]:
     An unknown that no key states is at its nominal value.
     """
     here = PoseSpec(np.eye(3), np.zeros(3))
-    stated = {frame.owner: plan.frames.get(frame.key, here) for frame in term.frames}
     values = {p.name: p.nominal for p in term.unknowns}
-    for owner, pose in stated.items():
-        six = pose_values(pose.rotation, pose.position).tolist()
-        values |= {p.name: v for p, v in zip(pose_parameters(owner), six, strict=True)}
+    stated = {frame.key: plan.frames.get(frame.key, here) for frame in term.frames}
     there = {**plan.marks, **(plan.places if term.place_unknown else {})}
-    for label, pose in there.items():
-        rotation = pose.rotation if term.mark or term.place_turns else None
-        priors = term.prior_from_pose(label, GivenPose(pose.position, rotation))
-        values |= {name: prior.value for name, prior in priors.items()}
+    for key, pose in {**stated, **there}.items():
+        whole = key in stated or term.mark or term.place_turns
+        known = GivenPose(pose.position, pose.rotation if whole else None)
+        values |= {name: prior.value for name, prior in term.prior_from_pose(key, known).items()}
     return values

@@ -17,6 +17,7 @@ from suta_calib.arrays import BoolArray, FloatArray
 from suta_calib.display import Displayable
 from suta_calib.errors import JobError, ParameterError
 from suta_calib.measurements import Artefact, Board, Corners, Samples, corners_of, read_artefact
+from suta_calib.measurements.profiles import Profiles, profiles_of
 from suta_calib.measurements.sample_files import check_joint_names
 from suta_calib.model.arm import ArmModel
 from suta_calib.model.parameters import Parameter
@@ -53,12 +54,14 @@ class SimulatedFile(Displayable):
         displacement: (n, 3) gross error of each row in the base's frame (what was seen from afar:
             in the instrument's or the camera's), m; zero for all but the outliers.
         corners: what a camera saw, and the path of its file; or None.
+        profiles: what a line scanner saw, and the path of its file; or None.
     """
 
     path: str
     samples: Samples
     displacement: FloatArray
     corners: tuple[str, Corners] | None = None
+    profiles: tuple[str, Profiles] | None = None
 
     @property
     def outliers(self) -> NDArray[np.intp]:
@@ -341,7 +344,7 @@ def _sighted_samples(
         conditions["felt"] = as_felt(conditions["felt"], noise.tilt, random("tilt"))
     rng = random("instrument")
     displacement = outlier_displacements(random(label, "outliers"), plan.outliers, n)
-    position, corners = None, None
+    position, corners, profiles = None, None, None
     if ideal.position is not None:
         sigma = noise.instrument if ideal.sigma is None else ideal.sigma
         position = displacement + ideal.scattered(sigma * rng.standard_normal((n, 3)))
@@ -351,11 +354,17 @@ def _sighted_samples(
     numbers = _read_numbers(plan, ideal.numbers, rng)
     readings = encoder_readings(random("encoders"), noise, kinematics.true, rests)
     if ideal.pixels is not None:
-        labels["image"] = np.array([f"{plan.name}-{k:04d}.png" for k in range(n)])
-        found = _corners(plan, ideal, displacement, labels["image"], rng)
-        corners = f"corners/{plan.name}.csv", found
         # A camera's samples are its pictures: where the board was is not measured.
         position, rotation = None, None
+        (what,) = plan.term.columns.labels
+        names = np.array([f"{plan.name}-{k:04d}" for k in range(n)])
+        if ideal.camera is None:
+            labels[what] = names
+            seen = _profiles(plan, ideal.pixels, displacement, names, rng)
+            profiles = f"profiles/{plan.name}.csv", seen
+        else:
+            labels[what] = names = np.char.add(names, ".png")
+            corners = f"corners/{plan.name}.csv", _corners(plan, ideal, displacement, names, rng)
     path = f"{plan.name}/{label}.csv"
     samples = Samples.from_arrays(
         arm.joints,
@@ -367,7 +376,21 @@ def _sighted_samples(
         numbers=numbers,
         **conditions,
     )
-    return SimulatedFile(path, samples, displacement, corners)
+    return SimulatedFile(path, samples, displacement, corners, profiles)
+
+
+def _profiles(
+    plan: SetSpec,
+    points: FloatArray,
+    displacement: FloatArray,
+    names: NDArray[np.str_],
+    rng: np.random.Generator,
+) -> Profiles:
+    """Profiles whose points scatter along the beam; an outlier moves all of a profile."""
+    points = points + displacement[:, None, [0, 2]]
+    points[..., 1] += plan.noise.instrument * rng.standard_normal(points.shape[:2])
+    scan, point = np.nonzero(np.isfinite(points).all(axis=2))
+    return profiles_of(names[scan], points[scan, point])
 
 
 def _corners(
@@ -432,9 +455,9 @@ def _in_sight(
         q = wrapped(kinematics.true, kinematics.random_readings(rng, tries))
         if chance < 1.0:
             # Some at a time, as long as some are wanted: of a large board all take much memory.
-            in_sight, rest = list[FloatArray](), q
+            in_sight, rest, many = list[FloatArray](), q, max(n, 200)
             while len(rest) and sum(map(len, in_sight)) < left:
-                chunk, rest = rest[:n], rest[n:]
+                chunk, rest = rest[:many], rest[many:]
                 in_sight.append(chunk[_ideal(plan, arm, chunk, {}, values).in_sight])
             q = np.concatenate(in_sight)[:left]
         batches.append(q)

@@ -31,6 +31,7 @@ from .poses import ArmPoses as ArmPoses
 from .poses import MeasuredPoses as MeasuredPoses
 from .poses import PoseSource as PoseSource
 from .poses import joint_ranges as joint_ranges
+from .profile import Profile as Profile
 from .range import MeasuredRange as MeasuredRange
 from .seating import Seating as Seating
 from .setup import Setup as Setup

@@ -9,6 +9,7 @@ from typing import ClassVar, Final
 from suta_calib.errors import SamplesError
 from suta_calib.measurements import Board
 from suta_calib.measurements.fields import TEXT, Field, choice
+from suta_calib.measurements.scale import LengthScale
 from suta_calib.model.parameters import PLACEMENT, End
 from suta_calib.terms.external_frame import ExternalFrame, labelled
 from suta_calib.terms.eye import carriers
@@ -47,6 +48,8 @@ class EyeTerm(FramedTerm):
     """
 
     medium = "camera"
+    # What a camera sees is as large as the target was printed.
+    assumed_scale = LengthScale.of_grade("printed")
     has_angles = False
     frames: ClassVar[tuple[TrueFrame, ...]] = (EYE,)
     chance = 0.02

@@ -17,6 +17,7 @@ from suta_calib.geometry.symbols import Symbol, symbolic_chordal_log
 from suta_calib.measurements import SampleColumns, Samples, YamlSection
 from suta_calib.measurements.fields import TEXT, Field
 from suta_calib.measurements.pose_files import FAR, NEAR
+from suta_calib.measurements.scale import LengthScale
 from suta_calib.terms.block import Block, Pose, flat, grouped, pose_of
 from suta_calib.terms.checks import check_unit
 from suta_calib.terms.external_frame import labelled, pose_named, pose_values
@@ -129,6 +130,8 @@ class HandEye(InstrumentTerm):
     )
     keys = (Field("target", TEXT, "Label of the target, where several cameras share it."),)
     medium = "camera"
+    # What a camera sees is as large as the target was printed.
+    assumed_scale = LengthScale.of_grade("printed")
     frames = (
         TrueFrame("hand_eye", "eye_in_tip", "pose of the camera on the tip", required=True),
         TrueFrame("target", "target_in_base", "pose of the target in the base", required=True),

@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike
 
 from suta_calib.arrays import FloatArray
 from suta_calib.geometry.symbols import Symbol
-from suta_calib.measurements.scale import INSTRUMENT_PPM, PPM, LengthScale
+from suta_calib.measurements.scale import LengthScale
 from suta_calib.model.parameters import Parameter
 from suta_calib.terms.poses import ArmPoses
 from suta_calib.terms.term import Term
@@ -79,12 +79,6 @@ class ScaleCarrier:
         return 0.0 if self.estimated else self.scale.std
 
 
-# Of an instrument of which nobody says it. What a camera sees is as large as the target was
-# printed; any other instrument is taken for a good one.
-_CAMERA: Final = LengthScale.of_grade("printed")
-_INSTRUMENT: Final = LengthScale(INSTRUMENT_PPM * PPM)
-
-
 def scale_carrier(term: Term) -> ScaleCarrier | None:
     """The source of a term's scale; None if it measures no lengths, as for points of unknown place.
 
@@ -97,12 +91,13 @@ def scale_carrier(term: Term) -> ScaleCarrier | None:
     if (board := term.board_seen) is not None:
         free = board.stretch is not None
         return ScaleCarrier("board", getattr(term, "target", ""), board.length_scale, free)
-    if not term.measures_lengths() or (samples.position is None and not samples.numbers):
+    seen = samples.position is not None or samples.pixels is not None or samples.numbers
+    if not term.measures_lengths() or not seen:
         return None
     if term.scale is None and not isinstance(term.poses, ArmPoses):
         return None
-    assumed = _CAMERA if term.medium == "camera" else _INSTRUMENT
-    return ScaleCarrier("instrument", getattr(term, "label", term.kind), term.scale or assumed)
+    name, scale = getattr(term, "label", term.kind), term.scale or term.assumed_scale
+    return ScaleCarrier("instrument", name, scale)
 
 
 def scale_carriers(terms: Iterable[Term]) -> tuple[ScaleCarrier, ...]:
@@ -135,7 +130,8 @@ def lengthened(term: Term, factors: ArrayLike) -> Term:
     if not term.measures_lengths():
         return term
     position = None if samples.position is None else samples.position * np.asarray(factors)
+    pixels = None if samples.pixels is None else samples.pixels * most
     lengths = {column.name for column in term.columns.numbers if column.unit == "m"}
     numbers = {n: most * v if n in lengths else v for n, v in samples.numbers.items()}
-    samples = replace(samples, position=position, numbers=numbers)
+    samples = replace(samples, position=position, pixels=pixels, numbers=numbers)
     return term.over_poses(term.poses.with_samples(samples))

@@ -27,7 +27,7 @@ from suta_calib.errors import SamplesError
 from suta_calib.measurements import Artefact, Board, SampleColumns, YamlSection
 from suta_calib.measurements.fields import Field, Fields
 from suta_calib.measurements.samples import STROKE
-from suta_calib.measurements.scale import LengthScale
+from suta_calib.measurements.scale import INSTRUMENT_PPM, PPM, LengthScale
 from suta_calib.model.parameters import End, Parameter
 from suta_calib.terms.block import Block, first_of_each, joined, numbered, same_touches
 from suta_calib.terms.clock import TimeOffset, clocked
@@ -93,6 +93,8 @@ class Term(GivenPlaces):
         simulation_keys: what else a set of a simulation may say, read by `read_settings`.
         measured_keys: keys of a row about what was measured, which a simulation does not take.
         frames: what a simulation may state of what sees or is seen.
+        assumed_scale: of the lengths that its instrument measures, where nobody says it; by default
+            that of a good one.
         chance: rough part of an arm's postures in which what is looked at is in sight.
         assumptions_key: what a job's row says for `with_assumptions_estimated`.
         files: what the files that a job names are begun with; each is called as its key.
@@ -131,6 +133,7 @@ class Term(GivenPlaces):
     simulation_keys: ClassVar[tuple[Field, ...]] = ()
     measured_keys: ClassVar[tuple[str, ...]] = ()
     frames: ClassVar[tuple[TrueFrame, ...]] = ()
+    assumed_scale: ClassVar[LengthScale] = LengthScale(INSTRUMENT_PPM * PPM)
     chance: ClassVar[float] = 1.0
     assumptions_key: ClassVar[str] = ""
     files: ClassVar[Mapping[str, str]] = {}
@@ -405,6 +408,11 @@ class Term(GivenPlaces):
         if self.mark:
             words[self.mark] = (self.mark, self.mark_end)
         return tuple(frames_of(owners, words))
+
+    def scanned_points(self, values: Mapping[str, float]) -> FloatArray:
+        """(k, 3) points of a surface that was scanned, in the base, m, for a picture."""
+        del values
+        return np.zeros((0, 3))
 
     @property
     def sees(self) -> str:

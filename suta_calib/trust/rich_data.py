@@ -313,7 +313,11 @@ class RichData:
             poses = poses.with_samples(replace(poses.samples, numbers=numbers))
         noise = sort.noise, sort.angular_noise
         term = kind.over(poses, Setup(artefact, *noise, label, sort.seating, sort.settings))
-        anywhere = {p.name: random.uniform(-0.5, 0.5) for p in term.own_parameters}
+        # A ball is no larger than balls are.
+        anywhere = {
+            p.name: min(1.0, 2.0 * p.plausible) * random.uniform(-0.5, 0.5)
+            for p in term.own_parameters
+        }
         own_values = term.start_values({}) if touches else anywhere
         return self._ideal(term, chain, random, self._values | own_values), own_values
 

@@ -34,6 +34,11 @@ def surroundings(
         yield _frame(term, frame, values, size, sees=k == 0 and term.medium == "camera")
     if (board := term.settings.get("board")) is not None:
         yield from _board(term, values, np.array(list(board.points.values())), size)
+    if len(scanned := term.scanned_points(values)):
+        # As many as a browser turns without effort.
+        scanned = scanned[:: -(-len(scanned) // 5000)]
+        label = getattr(term, "target", "default")
+        yield PointCloud(f"profiles/{label}", scanned, STANDING, 0.02 * size)
     if term.medium != "touch":
         return
     ideal = term.observed(values, term.poses).place

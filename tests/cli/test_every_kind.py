@@ -198,8 +198,8 @@ def case_of(job: Path) -> Case:
 
 
 def test_every_kind_has_a_scene() -> None:
-    # Pictures have theirs beside the term: tests/terms/test_camera_view.py.
-    assert set(KINDS) == {case.kind for case in CASES.values()} | {"camera_view"}
+    # Pictures and profiles have theirs beside the term: test_camera_view.py, test_profile.py.
+    assert set(KINDS) == {case.kind for case in CASES.values()} | {"camera_view", "profile"}
 
 
 @pytest.mark.parametrize("kind", KINDS.values(), ids=KINDS)

@@ -122,11 +122,11 @@ def test_the_sets_of_the_guide_can_be_rehearsed(repository: Path, tmp_path: Path
         sheet.write_text(f"arm: {arm}\nsets:\n  calibration: {row}\n  validation: {row}\n")
         write_simulation(simulate(read_simulation(sheet)), out)
         job = out / "calibration.yaml"
-        text, pictures = job.read_text(), out / "corners"
-        if pictures.is_dir():
-            for name in ("calibration", "validation"):
-                text = text.replace("corners: corners.csv", f"corners: corners/{name}.csv", 1)
-            job.write_text(text)
+        text = job.read_text()
+        for seen in ("corners", "profiles"):
+            for name in ("calibration", "validation") if (out / seen).is_dir() else ():
+                text = text.replace(f"{seen}: {seen}.csv", f"{seen}: {seen}/{name}.csv", 1)
+        job.write_text(text)
         read = CalibrationJob.load(job)
         assert read.observations[0].kind == kind
 

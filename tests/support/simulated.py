@@ -28,7 +28,7 @@ from suta_calib.measurements.depth_noise import DepthNoise
 from suta_calib.model.arm import ArmModel
 from suta_calib.model.parameters import ParameterSet, Selection
 from suta_calib.simulation.inverse_kinematics import InverseKinematics, Targets
-from suta_calib.terms import KINDS, ArmPoses, Noise, Setup, Term
+from suta_calib.terms import KINDS, ArmPoses, GivenPose, Noise, Setup, Term
 from suta_calib.terms.external_frame import pose_parameters, pose_values
 
 SUTA_URDF = Path(__file__).resolve().parents[2] / "urdf" / "suta.urdf"
@@ -162,10 +162,21 @@ class Scene:
     def _pictured(self, off: FloatArray, rng: np.random.Generator, spread: Spread) -> Samples:
         """Corners that scatter one by one, and pictures that are grossly off as a whole."""
         assert self.pixels is not None
+        if "pixel" not in self.settings:
+            return self._profiled(off, rng, spread)
         per_pixel = self.settings["pixel"]
         gross = np.where(np.linalg.norm(off, axis=1) > spread.gross / 2, 1.0, 0.0)
         scatter = spread.position * rng.standard_normal(self.pixels.shape)
         seen = self.pixels + (scatter + (gross[:, None] * off[:, :2])[:, None]) / per_pixel
+        samples = Samples.from_arrays(self.arm.joints, self.q, labels=self.labels)
+        return replace(samples, pixels=seen)
+
+    def _profiled(self, off: FloatArray, rng: np.random.Generator, spread: Spread) -> Samples:
+        """Points that scatter along the beam, and profiles that are grossly off as a whole."""
+        assert self.pixels is not None
+        gross = np.linalg.norm(off, axis=1) > spread.gross / 2
+        seen = self.pixels + np.where(gross[:, None], off[:, [0, 2]], 0.0)[:, None]
+        seen[..., 1] += spread.position * rng.standard_normal(seen.shape[:2])
         samples = Samples.from_arrays(self.arm.joints, self.q, labels=self.labels)
         return replace(samples, pixels=seen)
 
@@ -580,6 +591,39 @@ def _six(owner: str, rotation: FloatArray, position: FloatArray) -> dict[str, fl
     """The unknowns of a pose by name."""
     names = [p.name for p in pose_parameters(owner)]
     return dict(zip(names, pose_values(rotation, position).tolist(), strict=True))
+
+
+def profile_scene(
+    arm: ArmModel, truth: dict[str, float], n: int = 20, *, plane: bool = False, known: bool = True
+) -> Scene:
+    """A line scanner on the tip sees a ball of 40 mm, or a plane."""
+    kind, rng = KINDS["profile"], np.random.default_rng(9)
+    settings: dict[str, Any] = {"plane": True} if plane else {"radius": 0.04}
+    settings |= {"points": 25, "field": 0.1}
+    # About the first posture, in which what is looked at is 0.2 m ahead of the scanner.
+    first = random_readings(arm, rng, 1)
+    q = first + 0.25 * rng.standard_normal((300 * n, len(arm.joints)))
+    (turn,), (place,) = arm.forward(first, truth)
+    X = rotation_from_vector([0.1, 0.2, -1.5]), np.array([0.02, -0.05, 0.08])
+    eye = turn @ X[0], turn @ X[1] + place
+    seen = eye[0] @ np.array([0.005, 0.01, 0.2]) + eye[1]
+    values = {**truth, **_six("hand_eye", *X)}
+    blank = ArmPoses(arm, Samples.from_arrays(arm.joints, q))
+    term = kind.over(blank, Setup(settings=settings))
+    pose = GivenPose(seen, eye[0] @ rotation_from_vector([3.0, 0.2, 0.0]))
+    values |= {k: v.value for k, v in term.prior_from_pose("target_in_base", pose).items()}
+    pixels = term.observed(values, blank).pixels
+    rows = np.flatnonzero(np.isfinite(pixels).all(axis=(1, 2)))[:n]
+    assert len(rows) == n, f"the target is in sight in {len(rows)} postures"
+    if not known:
+        settings.pop("radius")
+    labels = {"scan": [str(k) for k in range(n)]}
+    place, turned = np.zeros((n, 3)), np.tile(np.eye(3), (n, 1, 1))
+    return Scene(
+        *("profile", arm, truth, q[rows], False, place, turned, labels),
+        settings=settings,
+        pixels=pixels[rows],
+    )
 
 
 def read_again(samples: Samples, times: int, seed: int, jitter: float = 1e-6) -> Samples:

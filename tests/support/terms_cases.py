@@ -28,6 +28,7 @@ from simulated import (
     plane_scene,
     plane_view_scene,
     points_scene,
+    profile_scene,
     range_scene,
     tracked_scene,
 )
@@ -156,6 +157,17 @@ CASES = {
         lambda arm, truth: plane_view_scene(arm, truth, stated=True),
         *("joint_6.offset", "tip.y", "tip.z"),
     ),
+    "profile of a ball": case("profile", profile_scene, "joint_6.offset", "tip.y", "tip.z"),
+    "profile of a ball of unknown radius": case(
+        "profile",
+        lambda arm, truth: profile_scene(arm, truth, known=False),
+        *("joint_6.offset", "tip.y", "tip.z"),
+    ),
+    "profile of a plane": case(
+        "profile",
+        lambda arm, truth: profile_scene(arm, truth, 40, plane=True),
+        *("joint_6.offset", "tip.y", "tip.z"),
+    ),
 }
 AVAILABLE = [name for name, c in CASES.items() if c.kind in KINDS]
 each_case = pytest.mark.parametrize("name", AVAILABLE)
@@ -192,7 +204,8 @@ def given_as_it_is(term: Term, truth: dict[str, float], std: float | None = None
     poses = {frame.owner: frame.pose(values) for frame in term.outside}
     for owner in dict.fromkeys(p.owner for p in term.own_parameters if p.key):
         label = owner.partition("[")[2].rstrip("]")
-        frames = [f.key for f in term.frames if f.owner == owner]
+        names = getattr(term, "frame_names", [f.owner for f in term.frames])
+        frames = [f.key for f, name in zip(term.frames, names, strict=True) if name == owner]
         if frames or (label in term.places[0] if term.place else label):
             turn, position = poses[owner]
             unsure = None if std is None else np.full(3, std)

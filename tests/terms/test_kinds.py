@@ -39,7 +39,7 @@ BY_NAME = {
 SHIPPED = shipped(KINDS)
 COLUMNS = {column for kind in SHIPPED.values() for column in kind.columns.labels}
 # Kinds that are called like any word of a sentence: there only a literal of its own names one.
-WORDS = {"contact", "gravity", "range"}
+WORDS = {"contact", "gravity", "profile", "range"}
 # A word so plain that no literal tells what it names: the class alone does.
 PLAIN = {"points"}
 # What else is called like a kind: a command's module, its pictures, a key of a summary, an
@@ -103,8 +103,9 @@ def test_a_kind_is_described(kind: type[Term]) -> None:
     for noun, columns in kind.groupings.items():
         assert set(columns) <= {*kind.columns.labels, *kind.columns.common_labels}, noun
     assert not kind.mark or kind.mark in kind.columns.common_labels
-    # What is seen is a position, or in pictures.
-    assert kind.columns.position == (kind.medium != "touch" and kind.unit == "mm")
+    # What is seen is a position, or in pictures or profiles.
+    lengths = kind.medium != "touch" and kind.unit == "mm" and not kind.columns.pixels
+    assert kind.columns.position == lengths
 
 
 def test_the_first_of_each_sort_is_offered_first() -> None:

@@ -19,7 +19,7 @@ def is_good(found: Assessment, kind: str) -> bool:
     others = [note for note in found.notes if "carries the scale" not in note]
     if len(found.notes) - len(others) != knows_lengths(kind):
         return False
-    if kind not in ("hand_eye", "camera_view", "points", "plane_view"):
+    if kind not in ("hand_eye", "camera_view", "points", "plane_view", "profile"):
         return (found.level, others) == ("good", [])
     (note,) = others
     return found.level == "good" and "No ± includes an error there" in note

@@ -51,6 +51,9 @@ CAMERAS = {
     "plane_view": {"hand_eye": "camera in tip"},
     "plane_view of planes on the tip": {"hand_eye": "camera in base", "plane[A]": "plane in tip"},
     "plane_view that states its noise": {"hand_eye": "camera in tip"},
+    "profile of a ball": {"hand_eye": "scanner in tip", "sphere": "ball in base"},
+    "profile of a ball of unknown radius": {"hand_eye": "scanner in tip", "sphere": "ball in base"},
+    "profile of a plane": {"hand_eye": "scanner in tip", "plane": "plane in base"},
 }
 
 
