@@ -122,6 +122,12 @@ CLAIMED = {
         "would move the tip by 1.8 mm RMS",
         "outliers: landmark S2",
     ),
+    "11_line_scanner": (
+        "16 of 16 scans agree to 0.33",
+        "Scan s5 fits the others with x reversed",
+        "less than its ±: True",
+        "within three standard deviations: True",
+    ),
     "10_two_arms_on_a_torso": (
         "joints that both share:  waist_yaw, waist_roll, waist_pitch",
         "held out: 12.19 → 1.20 mm RMS",
@@ -182,6 +188,7 @@ def test_notebooks_are_found():
         "08_from_pictures",
         "09_the_thesis",
         "10_two_arms_on_a_torso",
+        "11_line_scanner",
     ]
 
 

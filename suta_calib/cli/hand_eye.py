@@ -11,8 +11,10 @@ from suta_calib.cli._formats import read_poses
 from suta_calib.cli._options import (
     NAMED,
     PATH,
+    POSITIVE,
     NamedFile,
     certify_option,
+    flag,
     option,
     pose_options,
     scale_option,
@@ -20,16 +22,23 @@ from suta_calib.cli._options import (
 from suta_calib.cli._output import LateProgress, answer_command
 from suta_calib.cli._views import check_counts, views_of
 from suta_calib.geometry.lens import LENSES
-from suta_calib.measurements.pose_files import read_hand_poses, read_pose_pairs
-from suta_calib.pose_calibration import hand_eye_from_pairs, many_eyes_from_pairs
+from suta_calib.measurements.pose_files import read_hand_poses, read_pose_pairs, read_scan_poses
+from suta_calib.measurements.profiles import read_profiles
+from suta_calib.pose_calibration import (
+    hand_eye_from_pairs,
+    line_scanner_from_files,
+    many_eyes_from_pairs,
+)
 from suta_calib.pose_calibration.loop_answer import with_scale
 from suta_calib.pose_calibration.picture_proof import pictures_with_proof
 from suta_calib.pose_calibration.pictures import hand_eye_from_pictures
 from suta_calib.pose_calibration.proof import with_proof
 from suta_calib.report.document import Document
 from suta_calib.report.hand_eye import hand_eye_document
+from suta_calib.report.line_scanner import line_scanner_document
 from suta_calib.report.many_eyes import many_eyes_document
 from suta_calib.report.pictures import picture_document
+from suta_calib.units import from_mm
 
 if TYPE_CHECKING:
     from suta_calib.pose_calibration.eye_poses import Model
@@ -79,6 +88,13 @@ if TYPE_CHECKING:
     click.Choice(["fixed", "free"]),
     "free",
 )
+@option("--profiles", "Profiles of a line scanner on the hand, in place of a camera.", PATH)
+@option(
+    "--sphere-radius-mm MM",
+    "Radius of the ball in the profiles; default: unknown, it is found.",
+    POSITIVE,
+)
+@flag("--plane", "The profiles show a plane, not a ball.")
 @scale_option
 @certify_option
 @pose_options
@@ -91,6 +107,9 @@ def hand_eye(
     camera: tuple[NamedFile, ...],
     lens: str | None,
     intrinsics: Intrinsics,
+    profiles: Path | None,
+    sphere_radius_mm: float | None,
+    plane: bool,
     scale_ppm: float,
     certify: bool,
     plain: bool,
@@ -113,8 +132,16 @@ def hand_eye(
     Several cameras and boards by name: --corners with columns eye and target, --camera EYE=FILE,
     --board TARGET=FILE. A row of POSES.csv is of every camera that has corners in a picture of its
     name; with a column eye it is of that camera alone.
+
+    A line scanner on the hand: --profiles (columns scan, x, z), and --sphere-radius-mm or --plane.
+    POSES.csv then has the columns scan,x,y,z,qx,qy,qz,qw. X is the scanner in the hand.
     """
     _check(corners, board, camera, intrinsics, lens)
+    if profiles is not None or sphere_radius_mm is not None or plane:
+        others = corners or certify or setup != "eye-in-hand"
+        return _line_scanner(
+            poses, profiles, sphere_radius_mm, others=bool(others), plane=plane, robust=not plain
+        )
     if corners:
         hand = read_hand_poses(read_poses(poses, setup=setup))
         views, named = views_of(corners, board, camera, LENSES[lens] if lens else None)
@@ -151,6 +178,35 @@ def hand_eye(
         if certify:
             calibration = with_proof(calibration)
     return hand_eye_document(calibration, data).with_data(**settings)
+
+
+def _line_scanner(
+    poses: Path,
+    profiles: Path | None,
+    radius_mm: float | None,
+    *,
+    others: bool,
+    plane: bool,
+    robust: bool,
+) -> Document:
+    """The answer on profiles."""
+    if profiles is None:
+        raise click.UsageError("--sphere-radius-mm and --plane need --profiles")
+    if others:
+        raise click.UsageError(
+            "--profiles is for a line scanner on the hand, without --corners, --certify and "
+            "--setup eye-to-hand"
+        )
+    if plane and radius_mm is not None:
+        raise click.UsageError("give either --sphere-radius-mm or --plane, not both")
+    data, radius = read_scan_poses(read_poses(poses)), None
+    if radius_mm is not None:
+        radius = from_mm(radius_mm)
+    with LateProgress("calibrating"):
+        answer = line_scanner_from_files(
+            data, read_profiles(profiles), radius=radius, plane=plane, robust=robust
+        )
+    return line_scanner_document(answer, data).with_data(robust=robust, profiles=str(profiles))
 
 
 def _check(

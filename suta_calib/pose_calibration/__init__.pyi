@@ -1,6 +1,9 @@
 from .hand_eye import HandEyeCalibration as HandEyeCalibration
 from .hand_eye import calibrate_hand_eye as calibrate_hand_eye
 from .hand_eye import hand_eye_from_pairs as hand_eye_from_pairs
+from .line_scanner import LineScannerCalibration as LineScannerCalibration
+from .line_scanner import calibrate_line_scanner as calibrate_line_scanner
+from .line_scanner import line_scanner_from_files as line_scanner_from_files
 from .many_eyes import ManyEyesCalibration as ManyEyesCalibration
 from .many_eyes import calibrate_many_eyes as calibrate_many_eyes
 from .many_eyes import many_eyes_from_pairs as many_eyes_from_pairs

@@ -33,8 +33,8 @@ LARGEST: Final = 30.0
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class RobustAnswer:
-    """Common base of the results of pivot, hand-eye and registration.
+class FittedRows:
+    """Rows of a file that an answer was fitted to.
 
     Attributes:
         covariance: of the answer's unknowns, m and rad.
@@ -42,13 +42,7 @@ class RobustAnswer:
         inliers: (n,) rows that were fitted.
         suspects: (n,) those of them that stand out, but that the others do not prove wrong; where
             all rows were to be believed, those that they do.
-        solution: of the solver.
         notes: what the files of the data give to think about, one sentence each.
-        all_believed: whether they were to be: plain least squares.
-        unjudged: what of judging it failed, one sentence each.
-        examination: the answer, prepared for the hypotheses about wrong data.
-        weighed: the evidence on every hypothesis about wrong data, supported or not.
-        rule: when evidence is reported.
         optimality: what is proven of its being the best, where that was asked.
         numbers: (n,) of the rows in their file, from 0; None where they are all of it.
     """
@@ -57,13 +51,7 @@ class RobustAnswer:
     residuals: FloatArray
     inliers: BoolArray
     suspects: BoolArray
-    solution: Solution
     notes: tuple[str, ...] = ()
-    all_believed: bool = False
-    unjudged: tuple[str, ...] = ()
-    examination: Examination | None = None
-    weighed: tuple[Finding, ...] = ()
-    rule: Rule = Rule()
     optimality: Optimality | None = None
     numbers: IntArray | None = None
 
@@ -71,6 +59,53 @@ class RobustAnswer:
         """Numbers, from 0, of some of the rows (n,)."""
         rows = np.flatnonzero(which)
         return tuple((rows if self.numbers is None else self.numbers[rows]).tolist())
+
+    @cached_property
+    def rms(self) -> float:
+        """Root mean square length of the inliers' residuals, m."""
+        return rms_length(self.residuals[self.inliers])
+
+    @property
+    def outliers(self) -> tuple[int, ...]:
+        """Rows judged outliers, from 0."""
+        return self.rows_in_file(~self.inliers)
+
+    def agreed(self, what: str, *turned: str) -> str:
+        """How well the rows that were fitted agree, as the end of a sentence."""
+        to = " and ".join([text(self.rms, "m", with_unit=True), *turned])
+        return f"{int(self.inliers.sum())} of {len(self.inliers)} {what} agree to {to} RMS"
+
+    def set_aside(self, what: str, inliers: BoolArray) -> list[str]:
+        """That many rows, ``what`` in the plural, were left out, where it is not too many."""
+        lost = int(np.sum(~inliers))
+        # So many are no accident.
+        if not 0.3 < lost / len(inliers) <= MANY_OUTLIERS:
+            return []
+        return [
+            f"{lost} of {len(inliers)} {what} do not agree with the others and are left out, more "
+            "than is usual. Find out what they have in common."
+        ]
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class RobustAnswer(FittedRows):
+    """Common base of the results of pivot, hand-eye and registration.
+
+    Attributes:
+        solution: of the solver.
+        all_believed: whether they were to be: plain least squares.
+        unjudged: what of judging it failed, one sentence each.
+        examination: the answer, prepared for the hypotheses about wrong data.
+        weighed: the evidence on every hypothesis about wrong data, supported or not.
+        rule: when evidence is reported.
+    """
+
+    solution: Solution
+    all_believed: bool = False
+    unjudged: tuple[str, ...] = ()
+    examination: Examination | None = None
+    weighed: tuple[Finding, ...] = ()
+    rule: Rule = Rule()
 
     def evidence(self, hypothesis: str) -> Evidence | None:
         """On a hypothesis by its name; None where it was not tested."""
@@ -95,21 +130,6 @@ class RobustAnswer:
         but = (*but, Moved.name, OutlierBlock.name)
         return [f.sentence for f in self.findings if f.hypothesis.name not in but]
 
-    @cached_property
-    def rms(self) -> float:
-        """Root mean square length of the inliers' residuals, m."""
-        return rms_length(self.residuals[self.inliers])
-
-    @property
-    def outliers(self) -> tuple[int, ...]:
-        """Rows judged outliers, from 0."""
-        return self.rows_in_file(~self.inliers)
-
-    def agreed(self, what: str, *turned: str) -> str:
-        """How well the rows that were fitted agree, as the end of a sentence."""
-        to = " and ".join([text(self.rms, "m", with_unit=True), *turned])
-        return f"{int(self.inliers.sum())} of {len(self.inliers)} {what} agree to {to} RMS"
-
     def objections(self, what: str, inliers: BoolArray, size: float = 0.0) -> list[str]:
         """Reasons why the result must not be used, one sentence each."""
         objections = list[str]()
@@ -124,17 +144,6 @@ class RobustAnswer:
         if share > MANY_OUTLIERS:
             objections.append(f"{share:.0%} of the {what} do not agree with the others.")
         return objections
-
-    def set_aside(self, what: str, inliers: BoolArray) -> list[str]:
-        """That many rows, ``what`` in the plural, were left out, where it is not too many."""
-        lost = int(np.sum(~inliers))
-        # So many are no accident.
-        if not 0.3 < lost / len(inliers) <= MANY_OUTLIERS:
-            return []
-        return [
-            f"{lost} of {len(inliers)} {what} do not agree with the others and are left out, more "
-            "than is usual. Find out what they have in common."
-        ]
 
     def notes_on_rows(self, what: str) -> list[str]:
         """Rows, ``what`` in the plural, that are far from the others but were used."""

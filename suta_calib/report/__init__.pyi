@@ -30,6 +30,7 @@ from .plan import gain_curve as gain_curve
 from .plan import plan_document as plan_document
 from .pose_plots import draw_axes as draw_axes
 from .pose_plots import hand_eye_plot as hand_eye_plot
+from .pose_plots import line_scanner_plot as line_scanner_plot
 from .pose_plots import many_eyes_plot as many_eyes_plot
 from .pose_plots import pivot_plot as pivot_plot
 from .pose_plots import register_plot as register_plot

@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from suta_calib.measurements.pose_files import PointSet as MeasuredPoints
     from suta_calib.measurements.pose_files import ToolPoses
     from suta_calib.pose_calibration.hand_eye import HandEyeCalibration
+    from suta_calib.pose_calibration.line_scanner import LineScannerCalibration
     from suta_calib.pose_calibration.many_eyes import ManyEyesCalibration
     from suta_calib.pose_calibration.pivot import PivotCalibration
     from suta_calib.pose_calibration.registration import Registration
@@ -69,6 +70,31 @@ def hand_eye_plot(calibration: HandEyeCalibration) -> str:
         )
         what = "Hand-eye calibration: residuals and axes of motion"
         return svg_text(figure, "hand_eye", what)
+
+
+def line_scanner_plot(calibration: LineScannerCalibration) -> str:
+    """An SVG: residuals by scan, and all profiles in the base from two sides."""
+    what = "Ball's centre" if calibration.normal is None else "Height over the plane"
+    with picture("hand_eye", (WIDTH, 5.6)) as figure:
+        layout: Any = [["row", "row"], ["above", "beside"]]
+        panels = figure.subplot_mosaic(layout, height_ratios=(1.0, 1.5))
+        rows = calibration.residuals, calibration.inliers, calibration.rms
+        of_mean = " from its mean" if calibration.normal is None else ""
+        _draw_residuals(panels["row"], f"{what}{of_mean}", *rows, "m", "scan (row, from 0)")
+        away = mm(calibration.profiles - calibration.place)
+        for name, (across, up) in {"above": (0, 1), "beside": (0, 2)}.items():
+            axes = panels[name]
+            shown_rows = thinned(away[:, across], away[:, up])
+            axes.plot(*away[shown_rows][:, [across, up]].T, ".", c=BLUE, ms=2.0)
+            if calibration.radius is not None:
+                turn, size = np.linspace(0.0, 2.0 * np.pi, 73), mm(calibration.radius)
+                axes.plot(size * np.cos(turn), size * np.sin(turn), c=GREY, lw=0.8)
+            axes.set_aspect("equal", adjustable="datalim")
+            axes.set(xlabel=f"{'xyz'[across]}, mm", ylabel=f"{'xyz'[up]}, mm")
+            axes.set_title(f"Profiles in the base, from the {calibration.seen},\nseen from {name}")
+            axes.grid()
+        title = "Hand-eye calibration of a line scanner: residuals and profiles"
+        return svg_text(figure, "hand_eye", title)
 
 
 def many_eyes_plot(calibration: ManyEyesCalibration) -> str:

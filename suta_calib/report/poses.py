@@ -17,6 +17,7 @@ from suta_calib.units import Unit, deg, key, mm, text
 from suta_calib.words import listed
 
 if TYPE_CHECKING:
+    from suta_calib.pose_calibration import robust_answer
     from suta_calib.pose_calibration.eye_poses import PoseBetween
     from suta_calib.pose_calibration.optimality import Optimality
     from suta_calib.pose_calibration.robust_answer import RobustAnswer
@@ -53,7 +54,7 @@ def residuals_file(
     return File("residuals.csv", lambda: csv_text(rows, range(len(inliers)), 6))
 
 
-def fitted_rows(answer: RobustAnswer, lines: Sequence[int]) -> Json:
+def fitted_rows(answer: robust_answer.FittedRows, lines: Sequence[int]) -> Json:
     """Outliers and counts, and what is proven where that was asked, for JSON."""
     count, lost, optimality = len(answer.inliers), answer.outliers, answer.optimality
     proven = {} if optimality is None else {"optimality": optimality_record(optimality)}
@@ -66,7 +67,9 @@ def fitted_rows(answer: RobustAnswer, lines: Sequence[int]) -> Json:
     }
 
 
-def fit_texts(figures: str, what: str, answer: RobustAnswer, lines: Sequence[int]) -> list[Text]:
+def fit_texts(
+    figures: str, what: str, answer: robust_answer.FittedRows, lines: Sequence[int]
+) -> list[Text]:
     """How well the rows agree, and which do not."""
     count, lost = len(answer.inliers), answer.outliers
     fitted = f"{count - len(lost)} of {count} {what}s fitted"

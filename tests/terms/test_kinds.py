@@ -52,6 +52,7 @@ OTHERS = {
     "measurements/fields.py": {"gravity"},
     "model/arm.py": {"gravity"},
     "report/hand_eye.py": {"hand_eye"},
+    "report/line_scanner.py": {"hand_eye"},
     "report/pose_plots.py": {"hand_eye"},
     "report/study.py": {"range"},
 }
