@@ -197,9 +197,12 @@ def case_of(job: Path) -> Case:
     return CASES[(job.parent / "case").read_text()]
 
 
+# Have their scenes beside the term, in tests/terms.
+BESIDE = {"camera_view", "plane_view", "profile"}
+
+
 def test_every_kind_has_a_scene() -> None:
-    # Pictures and profiles have theirs beside the term: test_camera_view.py, test_profile.py.
-    assert set(KINDS) == {case.kind for case in CASES.values()} | {"camera_view", "profile"}
+    assert set(KINDS) == {case.kind for case in CASES.values()} | BESIDE
 
 
 @pytest.mark.parametrize("kind", KINDS.values(), ids=KINDS)
