@@ -20,7 +20,6 @@ if TYPE_CHECKING:
     from suta_calib.pose_calibration import robust_answer
     from suta_calib.pose_calibration.eye_poses import PoseBetween
     from suta_calib.pose_calibration.optimality import Optimality
-    from suta_calib.pose_calibration.robust_answer import RobustAnswer
     from suta_calib.pose_calibration.undetermined import NotFound
 
 MOST_OUTLIERS: Final = 10
