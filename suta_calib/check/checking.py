@@ -23,7 +23,7 @@ from scipy.special import chdtri
 
 from suta_calib.arrays import FloatArray, IntArray
 from suta_calib.assessment import Assessment, judged
-from suta_calib.check.error_model import ErrorModel
+from suta_calib.check.error_model import LearnedErrors
 from suta_calib.check.family import Family
 from suta_calib.check.new_rows import NewRows
 from suta_calib.check.suspects import PLAUSIBLE, Suspect, suspect_of, suspects_of
@@ -218,9 +218,9 @@ class Checker(Displayable):
     covariance: tuple[tuple[str, ...], FloatArray] | None = None
 
     @cached_property
-    def errors(self) -> ErrorModel:
+    def errors(self) -> LearnedErrors:
         """Of the calibrated rows."""
-        return ErrorModel.of(self.solution)
+        return LearnedErrors.of(self.solution)
 
     @property
     def values(self) -> Mapping[str, float]:

@@ -73,7 +73,7 @@ class NoiseKind:
 
 
 @dataclass(frozen=True, eq=False)
-class ErrorModel:
+class LearnedErrors:
     """The errors of rows, as those of a calibration show them.
 
     Attributes:
@@ -96,7 +96,7 @@ class ErrorModel:
     share: float
 
     @classmethod
-    def of(cls, solution: Solution) -> ErrorModel:
+    def of(cls, solution: Solution) -> LearnedErrors:
         """That of a calibration, or of an answer over measured poses."""
         levels = fitted_levels(solution)
         terms = spread_out(solution.problem.terms, ENOUGH)

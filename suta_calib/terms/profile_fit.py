@@ -22,10 +22,10 @@ from suta_calib.arrays import BoolArray, FloatArray
 from suta_calib.geometry.planar import fitted_circle, piece_of_line
 from suta_calib.terms.hand_eye_start import Poses
 from suta_calib.terms.profile_start import (
+    Answers,
     BallModel,
     PlaneModel,
     ScanModel,
-    State,
     in_scanner,
     scanner,
 )
@@ -87,7 +87,7 @@ class ScanFit:
     """
 
     model: ScanModel
-    state: State
+    state: Answers
     inliers: BoolArray
     levels: FloatArray
     covariance: FloatArray
@@ -115,7 +115,7 @@ class ScanFit:
         return np.asarray(distance / (size * fdtri(size, max(self.freedom, 1), 1.0 - chance)))
 
 
-def _total(model: ScanModel, state: State, levels: FloatArray) -> FloatArray:
+def _total(model: ScanModel, state: Answers, levels: FloatArray) -> FloatArray:
     """(n, d, d) covariance of the residuals."""
     sources = np.einsum("k,knij->nij", levels**2, model.noise(state))
     least = (_LEAST * model.scale) ** 2 * np.eye(sources.shape[1])
@@ -140,7 +140,7 @@ def fit_scans(model: ScanModel, *, robust: bool = True) -> ScanFit:
     return fit
 
 
-def _settled(model: ScanModel, state: State, inliers: BoolArray) -> ScanFit:
+def _settled(model: ScanModel, state: Answers, inliers: BoolArray) -> ScanFit:
     """Least squares over some scans, weighed by the noise that they show."""
     some = model.take(np.flatnonzero(inliers).astype(np.intp))
     levels = np.full(2, 0.02 * model.scale)
@@ -172,7 +172,7 @@ def _inverse(matrix: FloatArray) -> FloatArray:
     )
 
 
-def _weighed(model: ScanModel, state: State, levels: FloatArray) -> State:
+def _weighed(model: ScanModel, state: Answers, levels: FloatArray) -> Answers:
     """Gauss and Newton with weights by these levels of noise."""
     for _ in range(15):
         weight = np.linalg.inv(_total(model, state, levels))
@@ -197,7 +197,7 @@ def _weighed(model: ScanModel, state: State, levels: FloatArray) -> State:
     return state
 
 
-def _levels(model: ScanModel, state: State, start: FloatArray) -> FloatArray:
+def _levels(model: ScanModel, state: Answers, start: FloatArray) -> FloatArray:
     """Standard deviations of the two sources, as the residuals show them."""
     residual, slope = model.residuals(state)
     r, J, sources = residual[0], slope[0] @ model.free(state), model.noise(state)

@@ -38,16 +38,16 @@ _LARGER: Final = (1.01, 1.1, 1.3)
 
 
 @dataclass
-class State:
+class Answers:
     """Many answers at once: X's rotation (m, 3, 3), and all else (m, k)."""
 
     rotation: FloatArray
     rest: FloatArray
     cost: FloatArray = field(default_factory=lambda: np.zeros(0))
 
-    def take(self, rows: IntArray) -> State:
+    def take(self, rows: IntArray) -> Answers:
         """Some of the answers."""
-        return State(self.rotation[rows], self.rest[rows], self.cost[rows])
+        return Answers(self.rotation[rows], self.rest[rows], self.cost[rows])
 
 
 class ScanModel(ABC):
@@ -74,32 +74,32 @@ class ScanModel(ABC):
         """The same with the profiles in another order, the hand as it is."""
 
     @abstractmethod
-    def noise(self, state: State) -> FloatArray:
+    def noise(self, state: Answers) -> FloatArray:
         """(2, n, d, d) covariances of the residuals for a unit of each of two sources of noise."""
 
-    def free(self, state: State) -> FloatArray:
+    def free(self, state: Answers) -> FloatArray:
         """(3 + k, p) the directions in which the answer can change."""
         return np.eye(3 + state.rest.shape[1])
 
     @abstractmethod
-    def residuals(self, state: State) -> tuple[FloatArray, FloatArray]:
+    def residuals(self, state: Answers) -> tuple[FloatArray, FloatArray]:
         """(m, n, d) and (m, n, d, 3 + k)."""
 
     @abstractmethod
-    def begun(self, rotation: FloatArray) -> State:
+    def begun(self, rotation: FloatArray) -> Answers:
         """States with these rotations (m, 3, 3) of X."""
 
-    def moved(self, state: State, step: FloatArray) -> State:
+    def moved(self, state: Answers, step: FloatArray) -> Answers:
         """The states after steps (m, 3 + k)."""
         turned = state.rotation @ rotation_from_vector(step[:, :3])
-        return State(turned, state.rest + step[:, 3:])
+        return Answers(turned, state.rest + step[:, 3:])
 
     def _cost(self, residual: FloatArray, scale: float) -> FloatArray:
         """(m,) by Cauchy's loss of each scan."""
         square = np.sum(residual**2, axis=2) / scale**2
         return np.asarray(np.sum(np.log1p(square), axis=1))
 
-    def typical(self, state: State) -> float:
+    def typical(self, state: Answers) -> float:
         """How far a scan is off in the first answer, counted so that a third may be wrong."""
         residual, _ = self.residuals(state)
         _, n, each = residual.shape
@@ -108,7 +108,7 @@ class ScanModel(ABC):
         # A hand is never so exact that one scan should decide alone.
         return float(np.clip(2.0 * middle * np.sqrt(n / spare), 1e-3 * self.scale, self.scale))
 
-    def descended(self, state: State, scale: float, iterations: int) -> State:
+    def descended(self, state: Answers, scale: float, iterations: int) -> Answers:
         """The minima below some states."""
         damping = np.full(len(state.rest), 1e-3)
         residual, slope = self.residuals(state)
@@ -144,11 +144,11 @@ class ScanModel(ABC):
                 break
         return state
 
-    def with_twins(self, state: State) -> State:
+    def with_twins(self, state: Answers) -> Answers:
         """The states, and what may fit as well as the first of them."""
         return state
 
-    def impossible(self, state: State) -> BoolArray:
+    def impossible(self, state: Answers) -> BoolArray:
         """(m,) answers that cannot be, however well they fit."""
         return np.zeros(len(state.rest), dtype=np.bool_)
 
@@ -178,20 +178,20 @@ class BallModel(ScanModel):
         """The same with the profiles in another order, the hand as it is."""
         return type(self)(self.hand, self.arcs[order], self.radius, self.scatter[order])
 
-    def size(self, state: State) -> FloatArray:
+    def size(self, state: Answers) -> FloatArray:
         """(m,) radius of the ball, m."""
         if self.radius is not None:
             return np.full(len(state.rest), self.radius)
         return np.abs(state.rest[:, 6])
 
-    def centres(self, state: State) -> FloatArray:
+    def centres(self, state: Answers) -> FloatArray:
         """(n, 3) of the ball in the scanner, as the first answer has it, m."""
         (R, p), rest = self.hand, state.rest[0]
         return np.asarray(
             (np.einsum("nji,nj->ni", R, rest[3:6] - p) - rest[:3]) @ state.rotation[0]
         )
 
-    def seen_centres(self, state: State) -> FloatArray:
+    def seen_centres(self, state: Answers) -> FloatArray:
         """(n, 3) of the ball in the base, as every arc has it, m."""
         (R, p), rest, arcs = self.hand, state.rest[0], self.arcs
         aside = np.sqrt(np.maximum(self.size(state)[0] ** 2 - arcs[:, 2] ** 2, 0.0))
@@ -200,7 +200,7 @@ class BallModel(ScanModel):
         in_hand = seen @ state.rotation[0].T + rest[:3]
         return np.asarray(np.einsum("nij,nj->ni", R, in_hand) + p)
 
-    def noise(self, state: State) -> FloatArray:
+    def noise(self, state: Answers) -> FloatArray:
         """Of the hand's place, and of the radius of an arc: the form of ball and scanner."""
         aside, size = self.centres(state)[:, 1], float(self.size(state)[0])
         section = np.sqrt(np.maximum(size**2 - aside**2, (_SLIVER * size) ** 2))
@@ -211,7 +211,7 @@ class BallModel(ScanModel):
         of_radius[:, 2, 2] = 1.0
         return np.stack([by_hand, of_radius])
 
-    def residuals(self, state: State) -> tuple[FloatArray, FloatArray]:
+    def residuals(self, state: Answers) -> tuple[FloatArray, FloatArray]:
         """What the profiles show, less what the answers have; and derivatives."""
         R, p = self.hand
         t, s = state.rest[:, :3], state.rest[:, 3:6]
@@ -238,7 +238,7 @@ class BallModel(ScanModel):
             slope[:, :, 2, 9] = -radius[:, None] / section
         return residual, slope
 
-    def begun(self, rotation: FloatArray) -> State:
+    def begun(self, rotation: FloatArray) -> Answers:
         """Signs of y as the arcs ask for, translations by linear least squares."""
         (R, p), n = self.hand, len(self.arcs)
         radius = np.resize(self.radii, (len(rotation), 1))
@@ -262,7 +262,7 @@ class BallModel(ScanModel):
             off = np.einsum("nji,mnj->mni", R, rest[:, None, 3:] - p) - rest[:, None, :3]
             sign = np.sign(np.einsum("mj,mnj->mn", rotation[:, :, 1], off))
         more = [radius] if self.radius is None else []
-        return State(rotation, np.hstack([rest, *more]))
+        return Answers(rotation, np.hstack([rest, *more]))
 
 
 class PlaneModel(ScanModel):
@@ -286,14 +286,14 @@ class PlaneModel(ScanModel):
         """The same with the profiles in another order, the hand as it is."""
         return type(self)(self.hand, self.ends[order], self.scatter[order])
 
-    def noise(self, state: State) -> FloatArray:
+    def noise(self, state: Answers) -> FloatArray:
         """Of the hand's height over the plane, and of its turn, rad."""
         del state
         turned = (0.5 * self.lengths) ** 2
         height = np.ones_like(self.scatter)
         return np.stack([height, turned[:, None, None] * np.array([[1.0, -1.0], [-1.0, 1.0]])])
 
-    def free(self, state: State) -> FloatArray:
+    def free(self, state: Answers) -> FloatArray:
         """The normal keeps its length."""
         across = np.linalg.svd(state.rest[:1, 3:6])[2][1:].T
         free = np.zeros((10, 9))
@@ -301,7 +301,7 @@ class PlaneModel(ScanModel):
         free[6:9, 6:8], free[9, 8] = across, 1.0
         return free
 
-    def residuals(self, state: State) -> tuple[FloatArray, FloatArray]:
+    def residuals(self, state: Answers) -> tuple[FloatArray, FloatArray]:
         """What the profiles show, less what the answers have; and derivatives."""
         R, p = self.hand
         t, normal, z = state.rest[:, :3], state.rest[:, 3:6], state.rest[:, 6]
@@ -319,7 +319,7 @@ class PlaneModel(ScanModel):
         slope[..., 9] = -1.0
         return residual, slope
 
-    def with_twins(self, state: State) -> State:
+    def with_twins(self, state: Answers) -> Answers:
         """Beyond the plane, turned about its y axis, a scanner sees the same.
 
         But for what its distance from the plane varies.
@@ -328,22 +328,22 @@ class PlaneModel(ScanModel):
         rest = state.rest.copy()
         rest[:, :3] += beyond
         turned = state.rotation * [-1.0, 1.0, -1.0]
-        return State(np.vstack([state.rotation, turned]), np.vstack([state.rest, rest]))
+        return Answers(np.vstack([state.rotation, turned]), np.vstack([state.rest, rest]))
 
-    def impossible(self, state: State) -> BoolArray:
+    def impossible(self, state: Answers) -> BoolArray:
         """With the plane between the hand and the scanner."""
         (R, p), normal = self.hand, state.rest[:, 3:6]
         height = normal @ p.T - state.rest[:, 6:]
         of_scanner = height + np.einsum("nij,mj,mi->mn", R, state.rest[:, :3], normal)
         return np.asarray(np.median(height, axis=1) * np.median(of_scanner, axis=1) < 0.0)
 
-    def moved(self, state: State, step: FloatArray) -> State:
+    def moved(self, state: Answers, step: FloatArray) -> Answers:
         """The states after steps (m, 3 + k); a normal keeps its length."""
         moved = super().moved(state, step)
         moved.rest[:, 3:6] /= np.linalg.norm(moved.rest[:, 3:6], axis=1, keepdims=True)
         return moved
 
-    def begun(self, rotation: FloatArray) -> State:
+    def begun(self, rotation: FloatArray) -> Answers:
         """The normal that the lines are most square to, and translations by least squares."""
         R, p = self.hand
         along = np.einsum("nij,mjk,nk->mni", R, rotation, self.ends[:, 1] - self.ends[:, 0])
@@ -353,10 +353,10 @@ class PlaneModel(ScanModel):
         right = -np.einsum("mni,mni->mn", in_hand, middle) - normal @ p.T
         rows = np.concatenate([in_hand, -np.ones((*in_hand.shape[:2], 1))], axis=2)
         solved = np.einsum("mij,mj->mi", np.linalg.pinv(rows, 1e-4), right)
-        return State(rotation, np.hstack([solved[:, :3], normal, solved[:, 3:]]))
+        return Answers(rotation, np.hstack([solved[:, :3], normal, solved[:, 3:]]))
 
 
-def scanner(model: ScanModel) -> State:
+def scanner(model: ScanModel) -> Answers:
     """The lowest minimum, searched with some of the scans and decided with all."""
     rotation = random_rotations(np.random.default_rng(0), _STARTS)
     n = len(model.hand[1])

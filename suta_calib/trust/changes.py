@@ -36,7 +36,7 @@ from suta_calib.trust.rule import Rule
 
 
 @dataclass(frozen=True, eq=False)
-class Suspect:
+class SuspectedChange:
     """A possible change, at the row where it explains most.
 
     Attributes:
@@ -103,7 +103,7 @@ def changes(answer: Examination, rule: Rule = Rule()) -> tuple[ChangeInTime, ...
     return (replace(change, instead=sentences, share=lowered / max(share * before, 1e-300)),)
 
 
-def suspects(fit: ReducedFit) -> tuple[list[Suspect], int]:
+def suspects(fit: ReducedFit) -> tuple[list[SuspectedChange], int]:
     """All that may have changed, or that a model lacks, where it explains most.
 
     Returns:
@@ -122,18 +122,18 @@ def suspects(fit: ReducedFit) -> tuple[list[Suspect], int]:
         columns, about = fit.jacobian[:, at], (None, motion, (), problem)
         effects.append(Effect(f"{joint} {family}", columns, plausible[at], about=about))
     weighed = weigh_effects(fit.linear, effects)
-    suspected = list[Suspect]()
+    suspected = list[SuspectedChange]()
     for evidence in weighed:
         hypothesis, motion, places, _ = evidence.effect.about
         everywhere = 0, 0, int(table.first[-1])
         term, first, end = everywhere if evidence.window is None else places[evidence.window]
         p, gain = evidence.p_single, evidence.gain
-        suspected.append(Suspect(hypothesis, motion, term, first, end, p, gain))
+        suspected.append(SuspectedChange(hypothesis, motion, term, first, end, p, gain))
     tests = weighed[0].tried if weighed else 0
     return sorted(suspected, key=lambda suspect: (suspect.p, -suspect.lowered)), tests
 
 
-def waves(fit: ReducedFit, suspect: Suspect) -> FloatArray:
+def waves(fit: ReducedFit, suspect: SuspectedChange) -> FloatArray:
     """(6·samples, m) velocity of the tips by other errors of the same encoder, per plausible one.
 
     Poses in the order of a joint's readings make them come and go in time.
@@ -151,7 +151,7 @@ def waves(fit: ReducedFit, suspect: Suspect) -> FloatArray:
     return np.asarray(TURN * by_readings(problem)[:, :, k].reshape(-1, 1) * shapes)
 
 
-def _needed(fit: ReducedFit, suspect: Suspect, rule: Rule) -> float:
+def _needed(fit: ReducedFit, suspect: SuspectedChange, rule: Rule) -> float:
     """Squared residuals that it must explain; gross errors do not count."""
     first, end = fit.problem.evaluation.table.first[suspect.term : suspect.term + 2]
     sample = samples_of(fit.rows)
@@ -159,12 +159,14 @@ def _needed(fit: ReducedFit, suspect: Suspect, rule: Rule) -> float:
     return rule.share * float(np.sum(fit.linear.residual[sound] ** 2))
 
 
-def _told_apart(fit: ReducedFit, telling: Sequence[Suspect]) -> list[tuple[Suspect, RobustStep]]:
+def _told_apart(
+    fit: ReducedFit, telling: Sequence[SuspectedChange]
+) -> list[tuple[SuspectedChange, RobustStep]]:
     """Each at its row, what explains most for its few numbers first (Schwarz's criterion)."""
     placed = [_where(fit, suspect) for suspect in telling]
     noise = min(left.noise for _, left in placed)
 
-    def criterion(fitted: tuple[Suspect, RobustStep]) -> float:
+    def criterion(fitted: tuple[SuspectedChange, RobustStep]) -> float:
         suspect, left = fitted
         determined = left.spent - fit.spent + suspect.at_once
         return left.cost / noise + determined * float(np.log(fit.linear.rows))
@@ -172,7 +174,7 @@ def _told_apart(fit: ReducedFit, telling: Sequence[Suspect]) -> list[tuple[Suspe
     return sorted(placed, key=criterion)
 
 
-def _where(fit: ReducedFit, suspect: Suspect) -> tuple[Suspect, RobustStep]:
+def _where(fit: ReducedFit, suspect: SuspectedChange) -> tuple[SuspectedChange, RobustStep]:
     """The row at which a change happened, and what all leave that follow it.
 
     With what followed a change that is nearly in its place, each row says whether it comes before
@@ -198,7 +200,7 @@ def _where(fit: ReducedFit, suspect: Suspect) -> tuple[Suspect, RobustStep]:
     return suspect, left
 
 
-def _chance(fit: ReducedFit, suspect: Suspect) -> float:
+def _chance(fit: ReducedFit, suspect: SuspectedChange) -> float:
     """Chance of so much beside what a model may lack and what neighbours have in common."""
     # What an encoder reads too much of its travel looks like its own other errors.
     travel = suspect.hypothesis is not None and suspect.hypothesis.sort == "travel"
@@ -209,7 +211,7 @@ def _chance(fit: ReducedFit, suspect: Suspect) -> float:
 
 
 def _change(
-    fit: ReducedFit, suspect: Suspect, hypothesis: InTime, left: RobustStep, p: float
+    fit: ReducedFit, suspect: SuspectedChange, hypothesis: InTime, left: RobustStep, p: float
 ) -> ChangeInTime:
     more = slice(-suspect.motion.velocity.shape[1], None)
     place = (suspect.term, suspect.first, suspect.end) if suspect.at_once else None

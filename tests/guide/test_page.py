@@ -96,6 +96,15 @@ def test_every_browser_is_told_what_changes(served: MeasuredArm, page: GuidePage
         assert heard(late, "phase") == "between"
 
 
+def test_the_scene_stands_beside_the_page(served: MeasuredArm) -> None:
+    version = f"viser-v{pytest.importorskip('viser').__version__}"
+    url = served.url.replace("http", "ws") + "scene"
+    with connect(url, subprotocols=[version], max_size=None) as client:  # type: ignore[list-item]
+        assert len(client.recv(timeout=20)) > 100
+    with pytest.raises(InvalidStatus):
+        connect(url)
+
+
 def test_nobody_else_may_talk(served: MeasuredArm) -> None:
     with pytest.raises(InvalidStatus):
         connect(served.url.replace("http", "ws") + "other")
