@@ -91,6 +91,8 @@ def tracked(**changes: Any) -> TrackedPose:
         "std": np.array([1e-4, 2e-4, 3e-4]),
         "errors": (),
         "warnings": (),
+        "shift": None,
+        "shift_std": None,
     }
     return SimpleNamespace(**(fields | changes))  # type: ignore[return-value]
 

@@ -45,6 +45,7 @@ class RigCamera:
         name: its label.
         camera: as it is used, with covariance where the pictures corrected it.
         given: as its file has it.
+        shown: as the pictures show it, though it may be held as its file has it.
         T_first: (4, 4) its pose in the first camera, m.
         pictures: number of its pictures that were fitted.
         rms: their root mean square reprojection error, px.
@@ -55,6 +56,7 @@ class RigCamera:
     name: str
     camera: Camera
     given: Camera
+    shown: Camera
     T_first: FloatArray
     pictures: int
     rms: float
@@ -123,7 +125,8 @@ class RigCalibration:
                     "the cameras), or a camera was moved."
                 )
             if contradiction := _against_the_file(camera):
-                care.append(contradiction)
+                # Held as the file has it, no ± holds the error of the file.
+                (care if camera.camera is camera.shown else bad).append(contradiction)
         if self.instants < ENOUGH:
             care.append(
                 f"Two cameras saw the board at {self.instants} instants only: the standard "
@@ -202,12 +205,14 @@ def rig_from_pictures(
     covariance = problem.covariance(state)
     T = np.array([homogeneous(R.T, -R.T @ t) for R, t in zip(state.turn, state.shift, strict=True)])
     images = np.array(names)[usable]
+    shown = None if intrinsics == "free" else rig_from_pictures(views, robust=robust)
     return RigCalibration(
         tuple(
             RigCamera(
                 view.label,
                 camera,
                 _given(view),
+                camera if shown is None else shown.cameras[k].camera,
                 T[k],
                 int(problem.there[k].any(axis=1).sum()),
                 rms_length(errors[k][problem.there[k]]),
@@ -445,7 +450,7 @@ def _of_poses(problem: RigProblem, state: RigState, covariance: FloatArray) -> F
 
 def _against_the_file(camera: RigCamera) -> str:
     """That the pictures contradict the camera's file by more than either says of itself."""
-    corrected, given = camera.camera, camera.given
+    corrected, given = camera.shown, camera.given
     if corrected.covariance is None:
         return ""
     stds = CALIBRATED.stds(given) if given.stds is None else given.stds
@@ -458,7 +463,9 @@ def _against_the_file(camera: RigCamera) -> str:
         f"{name} {given.values[name]:.1f} → {corrected.values[name]:.1f}"
         for name in corrected.lens.names[:4]
     )
-    return (
-        f"The pictures contradict the file of camera {camera.name} ({changes} px). The poses "
-        "follow the pictures."
+    what = (
+        "The poses follow the pictures."
+        if camera.camera is corrected
+        else "Held so, the poses are wrong by more than their ±. Use --intrinsics free."
     )
+    return f"The pictures contradict the file of camera {camera.name} ({changes} px). {what}"

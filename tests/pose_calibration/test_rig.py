@@ -67,6 +67,21 @@ def test_a_stereo_pair_is_found_without_a_robot() -> None:
     assert np.linalg.norm(found.others[0].std6[:3]) > scale
 
 
+def test_a_wrong_file_that_is_held_is_named() -> None:
+    held = rig_from_pictures(pair(), intrinsics="fixed")
+    assert held.assessment.usable
+    wrong = pair()
+    camera = wrong[0].camera
+    assert camera is not None
+    factors = np.array([1.01, 1.01, *np.ones(7)])
+    wrong[0] = replace(wrong[0], camera=replace(camera, intrinsics=camera.intrinsics * factors))
+    held = rig_from_pictures(wrong, intrinsics="fixed")
+    assert not held.assessment.usable
+    assert "contradict the file of camera a" in held.assessment.sentence + str(
+        held.assessment.notes
+    )
+
+
 def test_its_std_is_the_scatter() -> None:
     ratios = np.array([errors(rig_from_pictures(pair(seed))) for seed in range(8)])
     # The scale is right here: what is in the ± of places for it is not in their scatter.
