@@ -17,8 +17,6 @@ from suta_calib.geometry.numbers import quaternion_from_rotation, vector_from_ro
 from suta_calib.measurements.profiles import profiles_of, write_profiles
 from suta_calib.pose_calibration import LineScannerCalibration, calibrate_line_scanner
 
-SCANNER_BALL = Path("/work/shared/data/scanner_ball")
-
 
 def solved(scans: LineScans, **options: Any) -> LineScannerCalibration:
     options = options or {"radius": 0.02}
@@ -131,9 +129,8 @@ def test_the_command_writes_what_the_answer_is(
     assert "need --profiles" in capsys.readouterr().err
 
 
-@pytest.mark.skipif(not SCANNER_BALL.is_dir(), reason="no measured profiles here")
-def test_measured_profiles_of_a_ball_of_unknown_size() -> None:
-    folder = SCANNER_BALL
+def test_measured_profiles_of_a_ball_of_unknown_size(shared: Path) -> None:
+    folder = shared / "scanner_ball"
     found = answer("hand-eye", folder / "poses.csv", "--profiles", folder / "profiles.csv")
     assert found["outliers"] == []
     assert found["rms_mm"] < 0.7
