@@ -82,7 +82,7 @@ class JobOutline(Displayable):
             if group in top
             for k, row in enumerate(top.sections(group))
         ]
-        selected = top.sections("parameters") if "parameters" in top else []
+        selected = top.sections("parameters", 0) if "parameters" in top else []
         unknowns = [
             name
             for row in selected

@@ -235,8 +235,8 @@ class JobSpec(Displayable):
     parameters: tuple[Selection, ...] = keyed(
         Field(
             "parameters",
-            rows(_selection, SELECTION_KEYS),
-            "What is estimated: one row at least, later rows win.",
+            rows(_selection, SELECTION_KEYS, 0),
+            "What is estimated of the arm: later rows win; [] holds the arm as it is.",
         )
     )
     observations: tuple[ObservationSpec, ...] = keyed(
@@ -281,7 +281,7 @@ def read_job(path: Path) -> JobSpec:
     if "parameters" not in top:
         raise top.refuse(
             "no such key",
-            "a list of rows with the parameters to estimate",
+            "a list of rows with the parameters to estimate, or [] if the arm is right",
             at=("parameters",),
             hint='for example - {select: ["*.offset"], bound_deg: 15}',
         )

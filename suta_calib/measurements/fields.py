@@ -215,9 +215,11 @@ def _direction(section: YamlSection, name: str) -> FloatArray:
 DIRECTION: Final = Value("x, y, z", _direction)
 
 
-def rows(read: Callable[[YamlSection], Any], inside: Fields) -> Value:
-    """What ``read`` makes of each mapping of a list with at least one."""
-    return Value("rows", lambda section, name: tuple(map(read, section.sections(name))), inside)
+def rows(read: Callable[[YamlSection], Any], inside: Fields, least: int = 1) -> Value:
+    """What ``read`` makes of each mapping of a list with ``least`` (0 or 1) at least."""
+    return Value(
+        "rows", lambda section, name: tuple(map(read, section.sections(name, least))), inside
+    )
 
 
 TEXT: Final = Value("text", YamlSection.text)

@@ -120,11 +120,12 @@ class YamlSection(Displayable):
             raise self.refuse(shown(value), "a mapping of keys to values", at=at)
         return YamlSection(self.document, self.error, (*self.path, *at))
 
-    def sections(self, key: str) -> list[YamlSection]:
-        """The mappings in the list under a key, at least one."""
+    def sections(self, key: str, least: int = 1) -> list[YamlSection]:
+        """The mappings in the list under a key, ``least`` (0 or 1) at least."""
         value = self._value(key)
-        if not isinstance(value, list) or not value:
-            raise self.refuse(shown(value), "a list with at least one row", at=(key,))
+        if not isinstance(value, list) or len(value) < least:
+            expected = "a list with at least one row" if least else "a list of rows, or []"
+            raise self.refuse(shown(value), expected, at=(key,))
         return [self.section(key, index) for index in range(len(value))]
 
     def text(self, key: str, default: str | None = None) -> str:

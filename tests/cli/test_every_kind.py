@@ -4,12 +4,13 @@ A kind that is added to `suta_calib.terms.KINDS` fails here until it has a scene
 
 from __future__ import annotations
 
+import json
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import pytest
-from cli_job import answer, cli
+from cli_job import answer, cli, spoken
 from simulated import SUTA_URDF
 
 from suta_calib.terms import KINDS, Term
@@ -233,6 +234,21 @@ def test_it_is_calibrated_and_validated(job: Path) -> None:
         assert found["parameters"][case.place]["state"] == "identified"
     again = answer("validate", out / "calibrated.urdf", job)
     assert again["metrics"]["validation"]["after"]["count"] == metrics["after"]["count"]
+
+
+def test_an_arm_that_is_right_is_held(job: Path) -> None:
+    """Only what a kind itself leaves open is estimated: the pose of a camera, say."""
+    case, held = case_of(job), job.parent / "held.yaml"
+    if not case.place:
+        pytest.skip("nothing but the arm is unknown")
+    free = "parameters: [{select: ['joint_*.offset'], bound_deg: 5}]"
+    held.write_text(job.read_text().replace(free, "parameters: []"))
+    # The simulated arm is not right, so the answer may be one that must not be used.
+    ended, out, err = spoken("calibrate", held, "--out", job.parent / "held", "--json")
+    assert ended in (0, 1), err
+    found = json.loads(out)
+    assert found["parameters"][case.place]["state"] == "identified"
+    assert not any(name.startswith("joint_") for name in found["parameters"])
 
 
 def analysed(job: Path, command: str, *options: object) -> dict[str, Any]:

@@ -127,6 +127,11 @@ def test_what_is_given_may_be_fixed(folder: Path) -> None:
     assert (first.sigma_fixed, second.sigma_fixed) == (False, True)
 
 
+def test_the_arm_may_be_held_whole(folder: Path) -> None:
+    read = job(folder, EXAMPLE.replace(section("parameters"), "parameters: []\n"))
+    assert read.parameters == ()
+
+
 def test_paths_may_be_absolute(folder: Path, tmp_path_factory: pytest.TempPathFactory) -> None:
     text = EXAMPLE
     for name in ("arm.urdf", "artefact.yaml", "calibration/", "validation/"):
@@ -175,7 +180,6 @@ FIXED_POINT = "kind: fixed_point, samples: 'validation/*.csv'"
             1,
             "arm: found 'arm.urdf'; expected a",
         ),
-        (section("parameters"), "parameters: []\n", 2, "parameters: found an empty list"),
         (section("parameters"), "parameters: a.x\n", 2, "parameters: found 'a.x'; expected a list"),
         (section("observations"), "observations: []\n", 7, "observations: found an empty list"),
         (section("validation"), "validation:\n", 11, "validation: found nothing; expected a list"),
