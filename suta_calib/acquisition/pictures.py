@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from itertools import count
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 from suta_calib.errors import DeviceError, InputError, OutputError
-from suta_calib.vision.opencv import opencv
+from suta_calib.vision.opencv import open_video, opencv
 
 # Label of the samples that names the picture.
 IMAGE: Final = "image"
@@ -30,10 +30,9 @@ class RestPictures:
     """
 
     def __init__(self, source: str, folder: Path) -> None:
-        cv2 = opencv()
         self._source, self._folder = source, folder
-        self._capture: Any = cv2.VideoCapture(int(source) if source.isdigit() else source)
-        if not self._capture.isOpened():
+        self._capture = open_video(source)
+        if self._capture is None:
             expected = "the number of a camera of this computer (0, 1, …), or a URL"
             raise InputError(f"no camera {source!r}", expected, where="--camera")
         # What a camera has waiting was seen before the arm came to rest.

@@ -27,7 +27,7 @@ from suta_calib.vision.coverage import PARTS, BoardCoverage, SeenBoard, degrees,
 from suta_calib.vision.detection import finder_of
 from suta_calib.vision.drawing import live_drawing
 from suta_calib.vision.finder import DetectedBoard, NotSeenError
-from suta_calib.vision.opencv import opencv
+from suta_calib.vision.opencv import open_video, opencv
 from suta_calib.vision.pictures import Grey, UnusablePictureError, find_pictures, read_picture
 
 # A board is held still while its corners move by less than this, of the picture's width, from one
@@ -271,8 +271,8 @@ class Video:
     """
 
     def __init__(self, source: str) -> None:
-        self._source: int | str = int(source) if source.isdigit() else source
-        self._capture = self._opened()
+        self._source = source
+        self._capture = open_video(source)
         if self._capture is None:
             what = "camera" if source.isdigit() else "video"
             raise InputError(
@@ -302,22 +302,11 @@ class Video:
                 frame, self._latest = self._latest, None
             yield frame
 
-    def _opened(self) -> Any:
-        cv2 = opencv()
-        # Of a camera that is not there we say ourselves what is wrong.
-        logging = cv2.utils.logging
-        level = logging.setLogLevel(logging.LOG_LEVEL_SILENT)
-        try:
-            capture = cv2.VideoCapture(self._source)
-        finally:
-            logging.setLogLevel(level)
-        return capture if capture.isOpened() else None
-
     def _read(self) -> None:
         """Read as fast as pictures come; one that was pulled out is opened again."""
         rate = self._capture.get(opencv().CAP_PROP_FPS)
         # A file gives its pictures at once, a camera as they are taken.
-        pause = 1.0 / rate if isinstance(self._source, str) and 1.0 < rate < 1000.0 else 0.0
+        pause = 1.0 / rate if not self._source.isdigit() and 1.0 < rate < 1000.0 else 0.0
         while not self._over:
             done, frame = (False, None) if self._capture is None else self._capture.read()
             if done:
@@ -329,4 +318,4 @@ class Video:
             if self._capture is not None:
                 self._capture.release()
             time.sleep(0.5)
-            self._capture = self._opened()
+            self._capture = open_video(self._source)

@@ -38,6 +38,23 @@ def opencv() -> Any:
     return cv2
 
 
+def open_video(source: str) -> Any:
+    """A camera of this computer by its number, or what else OpenCV reads as a video; None if none.
+
+    Raises:
+        MissingExtraError: OpenCV is not installed, or cannot be loaded.
+    """
+    cv2 = opencv()
+    # Of a camera that is not there we say ourselves what is wrong.
+    logging = cv2.utils.logging
+    level = logging.setLogLevel(logging.LOG_LEVEL_SILENT)
+    try:
+        capture = cv2.VideoCapture(int(source) if source.isdigit() else source)
+    finally:
+        logging.setLogLevel(level)
+    return capture if capture.isOpened() else None
+
+
 def marker_dictionaries() -> list[str]:
     """Names of all dictionaries of ArUco markers and AprilTags, small ones first."""
     names = [name for name in dir(opencv().aruco) if name.startswith(_PREFIX)]
