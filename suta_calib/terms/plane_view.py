@@ -26,7 +26,7 @@ from suta_calib.terms.external_frame import (
 from suta_calib.terms.eye import point_outside
 from suta_calib.terms.eye_term import setup_key
 from suta_calib.terms.given_pose import GivenPose, PriorValue
-from suta_calib.terms.hand_eye_start import EyeSetup, Poses, as_eye_in_hand
+from suta_calib.terms.hand_eye_start import EyeSetup, Poses, after, as_eye_in_hand
 from suta_calib.terms.observed import Observed
 from suta_calib.terms.plane import PlaneFrame
 from suta_calib.terms.plane_start import EyeAndPlanes, eye_and_planes, open_motions
@@ -177,6 +177,19 @@ class PlaneView(DepthTerm):
         seen = ray * np.clip(length, -_BEYOND, _BEYOND)[:, None]
         sigma = None if self.depth_noise is None else self.depth_noise.sigmas(seen[:, 2])
         return Observed(seen, axes=self.simulated_axes(seen), sigma=sigma, sighted=sighted)
+
+    def seen_planes(self, values: Mapping[str, float]) -> Mapping[str, FloatArray]:
+        """The points of each, moved onto it along its normal."""
+        carrier = as_eye_in_hand(self.poses.at(values), self.setup)
+        R, p = after(carrier, pose_named(values, self.frame_names[0]))
+        at, names = np.einsum("nij,nj->ni", R, self.in_eye) + p, self.seen[0]
+        planes = dict[str, FloatArray]()
+        for k, (name, frame) in enumerate(zip(names, self.outside[1:], strict=True)):
+            turn, origin = frame.pose(values)
+            assert turn is not None
+            mine, normal = at[self.seen[1] == k], turn[:, 2]
+            planes[name or self.mark] = mine - np.outer((mine - origin) @ normal, normal)
+        return planes
 
     # ── where the solver starts ───────────────────────────────────────────────────────────────
     def start(self, rotation: FloatArray, position: FloatArray) -> FloatArray:

@@ -414,6 +414,11 @@ class Term(GivenPlaces):
         del values
         return np.zeros((0, 3))
 
+    def seen_planes(self, values: Mapping[str, float]) -> Mapping[str, FloatArray]:
+        """By name, points (k, 3) of planes that were seen, in what carries them, m."""
+        del values
+        return {}
+
     @property
     def sees(self) -> str:
         """The label of what sees, beside those of other chains."""

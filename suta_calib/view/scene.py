@@ -126,11 +126,12 @@ class Frustum(Frame):
 
 @dataclass(frozen=True, eq=False)
 class Patch:
-    """A flat rectangle: corners (4, 3) in order around it, m."""
+    """A flat rectangle: corners (4, 3) in order around it, m; on a link if it has a carrier."""
 
     name: str
     corners: FloatArray
     colour: Colour
+    carrier: str = ""
 
 
 @dataclass(frozen=True, eq=False)

@@ -39,6 +39,9 @@ def surroundings(
         scanned = scanned[:: -(-len(scanned) // 5000)]
         label = getattr(term, "target", "default")
         yield PointCloud(f"profiles/{label}", scanned, STANDING, 0.02 * size)
+    for k, (name, seen) in enumerate(term.seen_planes(values).items(), start=1):
+        carrier = _tip_link(term, term.outside[k])
+        yield from _span(f"{term.outside[k].what}s/{name} seen", seen, carrier)
     if term.medium != "touch":
         return
     ideal = term.observed(values, term.poses).place
@@ -49,7 +52,7 @@ def surroundings(
             rows, first = np.flatnonzero(place == k), labelled and k == 0
             yield _artefact(term, name, rows, touched, size, labelled=first)
         else:
-            yield from _span(f"{term.place}s/{name}", touched)
+            yield from _span(f"{term.place}s/{name} touched", touched)
 
 
 def _frame(
@@ -111,18 +114,18 @@ def _artefact(
     )
 
 
-def _span(name: str, touched: FloatArray) -> Iterator[Thing]:
-    """The straight line, or the flat rectangle, that touches of one place lie on, if they do."""
-    middle = touched.mean(axis=0)
-    axes = right_singular(touched - middle)[1]
-    inside = (touched - middle) @ axes.T
+def _span(name: str, points: FloatArray, carrier: str = "") -> Iterator[Thing]:
+    """The straight line, or the flat rectangle, that points of one place lie on, if they do."""
+    middle = points.mean(axis=0)
+    axes = right_singular(points - middle)[1]
+    inside = (points - middle) @ axes.T
     low, high = inside.min(axis=0), inside.max(axis=0)
-    # A group of touches that extends less than this in a direction does not extend in it, m.
+    # Points that extend less than this in a direction do not extend in it, m.
     dimensions = int(np.sum(high - low > 1e-6))
     if dimensions == 1:
         ends = np.array([[low[0], 0.0, 0.0], [high[0], 0.0, 0.0]])
-        yield Stroke(f"{name} touched", ends @ axes + middle, STANDING)
+        yield Stroke(name, ends @ axes + middle, STANDING)
     elif dimensions == 2:
         corners = [(low[0], low[1]), (high[0], low[1]), (high[0], high[1]), (low[0], high[1])]
         flat = np.array([[u, v, 0.0] for u, v in corners])
-        yield Patch(f"{name} touched", flat @ axes + middle, STANDING)
+        yield Patch(name, flat @ axes + middle, STANDING, carrier)

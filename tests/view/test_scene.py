@@ -153,6 +153,21 @@ def test_what_was_touched_or_sees_is_there(name: str, kind: type) -> None:
         assert found[0].field_of_view < np.pi
 
 
+@pytest.mark.parametrize("name", ["plane_view", "plane_view of planes on the tip"])
+def test_planes_that_were_seen_are_drawn_where_the_points_were(name: str) -> None:
+    problem = problem_of(name)
+    (term,), values = problem.terms, problem.values(truth_of(problem, name))
+    things = calibration_scene(shown(term, values)).things
+    patches = {t.name: t for t in things if isinstance(t, Patch)}
+    tip = term.poses.arm.chain.tip_link
+    for plane in term.outside[1:]:
+        patch = patches[f"planes/{plane.owner[6:-1]} seen"]
+        assert patch.carrier == (tip if plane.within == "tip" else "")
+        rotation, position = plane.pose(values)
+        np.testing.assert_allclose(((patch.corners - position) @ rotation)[:, 2], 0.0, atol=1e-9)
+        assert np.linalg.norm(np.ptp(patch.corners, axis=0)) > 0.01
+
+
 def test_an_artefact_stands_where_its_landmarks_were_touched() -> None:
     problem = problem_of("landmark")
     (term,), values = problem.terms, problem.values(truth_of(problem, "landmark"))
