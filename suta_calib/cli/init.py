@@ -13,7 +13,7 @@ from suta_calib.atomic import check_folder
 from suta_calib.cli._options import PATH, flag, option, urdf_argument
 from suta_calib.errors import InputError
 from suta_calib.exchange.imported import ImportedFile
-from suta_calib.exchange.lerobot_motors import read_motors
+from suta_calib.exchange.lerobot_motors import BUSES, read_motors
 from suta_calib.exchange.reader import read_foreign
 from suta_calib.exchange.recognition import recognised_format
 from suta_calib.inputs import UrdfFile, XacroFile
@@ -71,6 +71,12 @@ _PLACES: Final[dict[str, EyeSetup]] = {"hand": EYE_IN_HAND, "beside": EYE_TO_HAN
     "LeRobot's calibration of the arm: also writes device.yaml, for its motors.",
     PATH,
 )
+@option(
+    "--bus",
+    "Type of the servos of --lerobot; default: as the names of its folder and file or its ranges "
+    "show it.",
+    click.Choice(BUSES),
+)
 @option("--port", "Port of the motors, for device.yaml.", default="/dev/ttyACM0")
 def init(
     urdf: UrdfFile,
@@ -82,6 +88,7 @@ def init(
     pen: bool,
     cameras: tuple[str, ...],
     lerobot: Path | None,
+    bus: str | None,
     port: str,
 ) -> None:
     """Start a job for the arm in URDF: commented files to fill in. Overwrites nothing.
@@ -123,7 +130,7 @@ def init(
         *(arm, out), kinds=kinds, grade=grade, urdf=named, cameras=_cameras(cameras), pen=pen
     )
     if lerobot is not None:
-        files = (*files, Template(out / "device.yaml", _device(lerobot, port, arm.joints)))
+        files = (*files, Template(out / "device.yaml", _device(lerobot, bus, port, arm.joints)))
     if written is not None:
         files = (*files, Template(Path(named), written))
     check_folder(out)
@@ -165,7 +172,7 @@ def _cameras(given: Sequence[str]) -> dict[str, EyeSetup]:
     return cameras
 
 
-def _device(calibration: Path, port: str, joints: Sequence[str]) -> str:
+def _device(calibration: Path, bus: str | None, port: str, joints: Sequence[str]) -> str:
     """``device.yaml`` of LeRobot's motors, by the names of the arm's joints."""
     motors = [*read_motors(calibration)]
     pairs = tuple(f"{motor}={joint}" for motor, joint in zip(motors, joints, strict=False))
@@ -180,8 +187,10 @@ def _device(calibration: Path, port: str, joints: Sequence[str]) -> str:
             "suta-calib motors finds out whether that is right.",
             err=True,
         )
-    made = read_foreign(calibration, "lerobot-calibration", port=port, motors=pairs)
+    made = read_foreign(calibration, "lerobot-calibration", bus=bus, port=port, motors=pairs)
     assert isinstance(made, ImportedFile)
+    for remark in made.remarks:
+        click.echo(f"{calibration}: {remark}", err=True)
     return made.text()
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Final
 
@@ -19,10 +20,18 @@ MOTORS: Final = Option(
 LINES: Final = "lines"
 FEETECH: Final = "feetech"
 DYNAMIXEL: Final = "dynamixel"
+BUSES: Final = (FEETECH, DYNAMIXEL)
 KEYS: Final = ("homing_offset", "range_min", "range_max", "drive_mode")
 # Of files that LeRobot wrote until mid 2025: a list for each key, in the order of these names.
 OLD_NAMES: Final = "motor_names"
 _LARGEST: Final = 1 << 31
+# Words in the names of LeRobot's robots, which are those of the folders of their calibrations.
+_ROBOTS: Final = {
+    FEETECH: ("so100", "so101", "so_follower", "so_leader", "lekiwi"),
+    DYNAMIXEL: ("koch", "omx", "viperx", "widowx", "aloha"),
+}
+# LeRobot takes a whole turn for the range of this motor of a Koch, and records that of an SO-101.
+_PAN: Final = "shoulder_pan"
 
 
 def read_motors(path: Path) -> dict[str, dict[str, Any]]:
@@ -49,6 +58,21 @@ def read_motors(path: Path) -> dict[str, dict[str, Any]]:
             hint = "calibrate the motor again, and move it while LeRobot records its range"
             raise ForeignFileError(problem, expected, file=path, where=name, hint=hint)
     return data
+
+
+def bus_of(path: Path, motors: Mapping[str, Mapping[str, Any]]) -> tuple[str, str]:
+    """Type of an arm's servos, and what shows it: the names of the file and of its folder, or Koch.
+
+    LeRobot keeps calibrations as ``robots/koch_follower/my_arm.json``.
+    """
+    for name in (path.absolute().parent.name, path.stem):
+        for bus, robots in _ROBOTS.items():
+            if word := next((word for word in robots if word in name.lower()), None):
+                return bus, f"{name!r} has {word!r} in it"
+    pan = motors.get(_PAN, {})
+    if (pan.get("range_min"), pan.get("range_max")) == (0, 4095):
+        return DYNAMIXEL, f"the range of {_PAN} is the whole turn, as LeRobot writes it for a Koch"
+    return FEETECH, "LeRobot's arms have them if nothing says otherwise"
 
 
 def counts_of(given: Given) -> int:

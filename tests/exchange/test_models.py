@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 from pathlib import Path
 
@@ -60,6 +61,37 @@ def test_a_drive_mode_turns_no_reading_round(bus: str, tmp_path: Path) -> None:
     found.write(tmp_path / "device.yaml")
     assert [joint.sign for joint in read_device(tmp_path / "device.yaml").joints] == [1, 1, 1]
     assert any("drive_mode of shoulder_lift is not applied" in each for each in found.remarks)
+
+
+@pytest.mark.parametrize(
+    ("file", "bus", "why"),
+    [
+        ("koch_follower/blue.json", "dynamixel", "'koch_follower' has 'koch' in it"),
+        ("so_follower/blue.json", "feetech", "'so_follower' has 'so_follower' in it"),
+        ("my_koch.json", "dynamixel", "'my_koch' has 'koch' in it"),
+        ("so101.json", "feetech", "'so101' has 'so101' in it"),
+        ("blue.json", "feetech", "LeRobot's arms have them if nothing says otherwise"),
+    ],
+)
+def test_the_servos_are_those_of_lerobots_robot(
+    file: str, bus: str, why: str, tmp_path: Path
+) -> None:
+    path = tmp_path / file
+    path.parent.mkdir(exist_ok=True)
+    SAMPLES["lerobot-calibration"](tmp_path).path.rename(path)
+    found = read_foreign(path, "lerobot-calibration")
+    assert any(f"are taken for {bus}: {why}." in each for each in found.remarks)
+    found.write(tmp_path / "device.yaml")
+    assert read_device(tmp_path / "device.yaml").format == bus
+
+
+def test_a_pan_without_a_range_is_that_of_a_koch(tmp_path: Path) -> None:
+    """LeRobot 0.6 `KochFollower.calibrate`: shoulder_pan and wrist_roll have 0 and 4095."""
+    path = tmp_path / "blue.json"
+    pan = MOTORS["shoulder_pan"] | {"range_min": 0, "range_max": 4095}
+    path.write_text(json.dumps(MOTORS | {"shoulder_pan": pan}))
+    found = read_foreign(path, "lerobot-calibration")
+    assert any("the range of shoulder_pan is the whole turn" in each for each in found.remarks)
 
 
 def test_motors_may_be_asked_by_another_program(tmp_path: Path) -> None:

@@ -9,12 +9,12 @@ from typing import Any, Final
 from suta_calib.exchange.imported import ImportedFile
 from suta_calib.exchange.joint_readings import COUNTS
 from suta_calib.exchange.lerobot_motors import (
-    DYNAMIXEL,
-    FEETECH,
+    BUSES,
     KEYS,
     LINES,
     MOTORS,
     OLD_NAMES,
+    bus_of,
     counts_of,
     read_motors,
 )
@@ -27,7 +27,7 @@ BUS: Final = Option(
     "bus",
     'Type of the servos, which are then polled directly; "lines" if a program sends their '
     "readings.",
-    choices=(FEETECH, DYNAMIXEL, LINES),
+    choices=(*BUSES, LINES),
 )
 PORT: Final = Option("port", "Port of the device, written to device.yaml.", "/dev/…")
 
@@ -52,11 +52,12 @@ class LerobotCalibrationReader(Reader):
 
         No ``drive_mode`` turns them round: LeRobot applies it to shares of a range only, and a
         Dynamixel that has it in its register turns its Present_Position round itself
-        (LeRobot 0.4, ``_normalize`` and ``apply_drive_mode`` of its motors' buses).
+        (LeRobot 0.6, ``_normalize`` and ``apply_drive_mode`` of its motors' buses).
         """
         motors, counts, names = read_motors(path), counts_of(given), given.pairs(MOTORS)
         numbered = all(_number(motor) is not None for motor in motors.values())
-        bus = given.text(BUS, FEETECH if numbered else LINES)
+        probable, why = bus_of(path, motors)
+        bus = given.text(BUS, probable if numbered else LINES)
         if bus != LINES and not numbered:
             raise given.refuse(
                 BUS, f"{bus}, and motors without a number", f"an id of each in {path}"
@@ -83,7 +84,8 @@ class LerobotCalibrationReader(Reader):
             remarks.append(f"The port is {device['port']}; choose another with --port.")
         if BUS not in given and bus != LINES:
             remarks.append(
-                f"The servos are assumed to be {bus}. If not, state their type with {BUS.switch}."
+                f"The servos are taken for {bus}: {why}. If they are others, state their type with "
+                f"{BUS.switch}."
             )
         if turned := [name for name, motor in motors.items() if motor["drive_mode"]]:
             remarks.append(

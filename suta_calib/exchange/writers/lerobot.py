@@ -9,7 +9,14 @@ from suta_calib.device.description import DeviceSpec
 from suta_calib.device.device_file import read_device
 from suta_calib.errors import InputError
 from suta_calib.exchange.joint_readings import COUNTS
-from suta_calib.exchange.lerobot_motors import DYNAMIXEL, FEETECH, MOTORS, counts_of, read_motors
+from suta_calib.exchange.lerobot_motors import (
+    BUSES,
+    DYNAMIXEL,
+    MOTORS,
+    bus_of,
+    counts_of,
+    read_motors,
+)
 from suta_calib.exchange.option import Given, Option
 from suta_calib.exchange.result import Result, json_bytes
 from suta_calib.exchange.writers.joint_offsets import OffsetsWriter
@@ -20,8 +27,9 @@ CALIBRATION: Final = Option(
 )
 BUS: Final = Option(
     "bus",
-    "Type of the servos: Dynamixel adds a homing offset, Feetech subtracts it.",
-    choices=(FEETECH, DYNAMIXEL),
+    "Type of the servos: Dynamixel adds a homing offset, Feetech subtracts it; default: that of "
+    "device.yaml, or as the calibration shows it.",
+    choices=BUSES,
 )
 DEVICE: Final = Option(
     "device",
@@ -46,6 +54,7 @@ class LerobotWriter(OffsetsWriter):
         "Readings have the direction of Present_Position for any drive_mode, as LeRobot's "
         "degrees and a device.yaml from import do. If device.yaml has sign: -1 for a joint, its "
         "degrees in LeRobot are those of the URDF times -1.",
+        "LeRobot gives degrees with use_degrees: true, which is not its default for a Koch.",
     )
 
     def content(self, result: Result, given: Given) -> bytes:
@@ -66,7 +75,10 @@ class LerobotWriter(OffsetsWriter):
         at = given.path(DEVICE)
         device = None if at is None else read_device(at)
         names = given.pairs(MOTORS)
-        sign = 1 if given.text(BUS, _bus(device)) == DYNAMIXEL else -1
+        bus = bus_of(path, motors)[0]
+        if device is not None and device.format in BUSES:
+            bus = device.format
+        bus = given.text(BUS, bus)
         joints = {names.get(motor, motor): motor for motor in motors}
         if device is not None:
             joints |= _by_number(device, motors)
@@ -81,15 +93,10 @@ class LerobotWriter(OffsetsWriter):
             offset = arm.values.get(f"{joint}.{OFFSET}", 0.0)
             motor = motors[joints[joint]]
             if device is None or joint not in device.names:
-                motor["homing_offset"] += sign * round(offset * counts / math.tau)
+                _shift(motor, -round(offset * counts / math.tau), bus, counts)
             else:
-                _centre(motor, _reading_at_zero(device, joint, offset), sign, counts)
+                _centre(motor, _reading_at_zero(device, joint, offset), bus, counts)
         return json_bytes(motors)
-
-
-def _bus(device: DeviceSpec | None) -> str:
-    """The type of a device's servos; Feetech where it does not say."""
-    return DYNAMIXEL if device is not None and device.format == DYNAMIXEL else FEETECH
 
 
 def _by_number(device: DeviceSpec, motors: dict[str, dict[str, Any]]) -> dict[str, str]:
@@ -105,16 +112,32 @@ def _reading_at_zero(device: DeviceSpec, joint: str, offset: float) -> float:
     return float(spec.zero - spec.sign * offset * device.turns[place] / math.tau)
 
 
-def _centre(motor: dict[str, Any], zero: float, sign: int, counts: int) -> None:
+def _centre(motor: dict[str, Any], zero: float, bus: str, counts: int) -> None:
     """Make the middle of a motor's range its zero, in place."""
     least, most = motor["range_min"], motor["range_max"]
-    shift = round(zero - (least + most) / 2)
-    # What the motor stores is of one turn.
-    moved = (motor["homing_offset"] - sign * shift + counts // 2) % counts - counts // 2
-    motor["homing_offset"] = moved
+    shift = _of_one_turn(round(zero - (least + most) / 2), counts)
+    _shift(motor, shift, bus, counts)
     if most - least < counts - 1:
         motor["range_min"], motor["range_max"] = least + abs(shift), most - abs(shift)
     if motor["range_min"] >= motor["range_max"]:
         expected = "a zero within the range of the motor"
         hint = "calibrate the arm in LeRobot again, from the middle of the joints' ranges"
         raise InputError(f"a zero {abs(shift)} ticks from the middle", expected, hint=hint)
+
+
+def _shift(motor: dict[str, Any], ticks: int, bus: str, counts: int) -> None:
+    """Make a motor report so many ticks less, in place.
+
+    Where a Feetech stands is within one turn whatever its offset is, and the sign of an offset is a
+    bit of its own. A Dynamixel reports the sum: a turn more would be a turn that the joint is off.
+    """
+    if bus == DYNAMIXEL:
+        motor["homing_offset"] -= ticks
+        return
+    most = counts // 2 - 1
+    offset = _of_one_turn(motor["homing_offset"] + ticks, counts)
+    motor["homing_offset"] = min(max(offset, -most), most)
+
+
+def _of_one_turn(ticks: int, counts: int) -> int:
+    return (ticks + counts // 2) % counts - counts // 2
