@@ -1,4 +1,4 @@
-# make demo   calibrate the SUTA and a measured UR5 from the data in this repository
+# make demo   what `suta-calib demo` shows: a measured UR5, the SUTA, two cameras
 # make test   everything a change must pass
 # make help   the rest
 #
@@ -45,7 +45,7 @@ unexport PYTHONDONTWRITEBYTECODE
 .DELETE_ON_ERROR:
 
 help:
-	@echo "make demo       calibrate the SUTA and a measured UR5 from the data in this repository"
+	@echo "make demo       calibrate a measured UR5, the SUTA and two cameras from the data in this repository"
 	@echo "make thesis     every table of the thesis beside ours, run and printed"
 	@echo "make test       lint, types and tests, notebooks included; coverage from Python 3.12 on"
 	@echo "make coverage   the tests, and whether they run 95 % of the package; any Python"
@@ -61,9 +61,8 @@ help:
 	@echo "make distclean  remove .venv and .venv-lowest too"
 
 demo: $(INSTALLED)
-	$(BIN)/suta-calib calibrate data/suta/calibration.yaml
-	$(BIN)/suta-calib calibrate examples/ur5_laser_tracker/calibration.yaml
-	@$(BIN)/python examples/ur5_laser_tracker/held_out.py
+	$(BIN)/suta-calib demo
+	@$(BIN)/python examples/ur5_laser_tracker/held_out.py suta-calib-demo/examples/ur5_laser_tracker/results
 
 thesis: $(INSTALLED_DEV)
 	$(BIN)/python notebooks/print_page.py notebooks/09_the_thesis.ipynb
@@ -126,7 +125,7 @@ measured: $(INSTALLED) $(INSTALLED_FIGAROH) $(INSTALLED_PYBOTICS)
 	$(BIN)/python benchmarks/measured.py $(FOLDERS) --figaroh $(VENV_FIGAROH)/bin/python --pybotics $(PYBOTICS)
 
 clean:
-	rm -rf build dist docs/_build docs/generated ./*.egg-info $(OUTSIDE)/build $(OUTSIDE)/*.egg-info .mypy_cache .pytest_cache .ruff_cache .hypothesis .coverage .coverage.*
+	rm -rf build dist suta-calib-demo docs/_build docs/generated ./*.egg-info $(OUTSIDE)/build $(OUTSIDE)/*.egg-info .mypy_cache .pytest_cache .ruff_cache .hypothesis .coverage .coverage.*
 	rm -rf data/*/results data/*/results-* examples/*/results examples/*/results-*
 	find . -path "./.venv*" -prune -o -name __pycache__ -type d -exec rm -rf {} +
 

@@ -37,7 +37,7 @@ ROWS = (
     {"check"},
     {"exchange"},
     {"report"},
-    {"guide"},
+    {"guide", "demo"},
     {"cli", "api", "__init__", "__main__"},
 )
 ROW = {part: row for row, parts in enumerate(ROWS) for part in parts}

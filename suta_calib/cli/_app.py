@@ -26,6 +26,7 @@ from suta_calib.errors import InputError, SutaCalibError, did_you_mean, shortene
 
 # What --help says of each; the module of its name holds the click command.
 COMMANDS: Final = {
+    "demo": "Calibrate examples that come with the package.",
     "calibrate": "Calibrate an arm, with everything that the job asks for.",
     "observe": "Show which parameters the data of a job can determine.",
     "study": "Study how many sets are enough, and how results scatter.",

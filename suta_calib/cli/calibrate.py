@@ -23,8 +23,13 @@ def calibrate(job: Path, no_report: bool) -> Document:
     used, the exit code is 1 and no calibrated.urdf is written: the fit did not converge, the
     residuals are far too large, or the arm is worse than nominal on the validation data.
     """
+    answer = calibration_of(job)
+    return replace(answer, written="record") if no_report else answer
+
+
+def calibration_of(job: Path) -> Document:
+    """The answer on a job; says on stderr how far it is."""
     loaded = CalibrationJob.load(job)
     with LateProgress("solving") as progress:
         result = loaded.run(progress, progress.about)
-    answer = calibration_document(result)
-    return replace(answer, written="record") if no_report else answer
+    return calibration_document(result)

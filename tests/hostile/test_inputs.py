@@ -72,7 +72,7 @@ MALFORMED: dict[str, Callable[[bytes], bytes | None]] = {
 
 
 @pytest.mark.parametrize("how", MALFORMED)
-@pytest.mark.parametrize("command", GIVEN)
+@pytest.mark.parametrize("command", [name for name in GIVEN if GIVEN[name].reads])
 def test_malformed_files(
     command: str, how: str, scene: Path, tmp_path: Path, capsys: Capture
 ) -> None:
@@ -93,7 +93,7 @@ def test_malformed_files(
 
 
 @pytest.mark.skipif(not Path("/dev/zero").exists(), reason="no /dev/zero")
-@pytest.mark.parametrize("command", GIVEN)
+@pytest.mark.parametrize("command", [name for name in GIVEN if GIVEN[name].reads])
 def test_what_never_ends_or_never_begins(
     command: str, scene: Path, tmp_path: Path, capsys: Capture, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -29,8 +29,11 @@ from suta_calib.report.listing import Table
 
 # Their answers are as any other's here, and take seconds.
 LONG = ("extend", "outliers", "plan")
+NO_ANSWER = ("demo", "init", "simulate", "emulate", "view")
 WRITING = [name for name, given in GIVEN.items() if given.out and not given.needs_device]
-ANSWERS = [name for name in WRITING if name not in ("init", "simulate", "emulate", "view", *LONG)]
+ANSWERS = [
+    name for name in WRITING if name not in ("demo", "init", "simulate", "emulate", "view", *LONG)
+]
 STOPS: dict[str, Callable[[], BaseException]] = {
     "full disk": lambda: OSError(28, "No space left on device"),
     "Ctrl-C": KeyboardInterrupt,

@@ -95,6 +95,7 @@ CHAINS = "chains/calibration.yaml"
 _OF_CHAINS = (CHAINS, "chains/robot.urdf", "chains/right_fitted.csv", "chains/left_held.csv")
 _OF_ARM = (URDF, "--tip", "tip")
 GIVEN = {
+    "demo": Given((), (), "--out"),
     "calibrate": Given((JOB,), _OF_JOB, "--out"),
     "observe": Given((JOB,), _OF_JOB),
     "study": Given(

@@ -42,10 +42,11 @@ COLUMNS = {column for kind in SHIPPED.values() for column in kind.columns.labels
 WORDS = {"contact", "gravity", "profile", "range"}
 # A word so plain that no literal tells what it names: the class alone does.
 PLAIN = {"points"}
-# What else is called like a kind: a command's module, its pictures, a key of a summary, an
-# attribute of MJCF, the direction of gravity.
+# What else is called like a kind: a command's module, its pictures, a table that is shipped, a key
+# of a summary, an attribute of MJCF, the direction of gravity.
 OTHERS = {
     "cli/_app.py": {"suta_calib.cli.hand_eye"},
+    "demo/__init__.py": {"data/poses/hand_eye.csv"},
     "exchange/mjcf_child.py": {"range"},
     "exchange/readers/mjcf.py": {"range"},
     "exchange/writers/mjcf.py": {"range"},
