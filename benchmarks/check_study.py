@@ -3,18 +3,21 @@
     python benchmarks/check_study.py                       # false alarms, 500 checks of each kind
     python benchmarks/check_study.py --kinds range plane --checks 100
     python benchmarks/check_study.py --lacking --outliers  # an arm with errors that no model has
+    python benchmarks/check_study.py --keep counted.jsonl  # goes on where it was interrupted
+    python benchmarks/check_study.py --keep counted.jsonl --table  # docs/guides/check_table.md
     python benchmarks/check_study.py --found               # what is found, and what it is called
 
-Every calibration has an arm, noise and rows of its own; ten checks follow each.
+Every calibration has an arm, noise and rows of its own; twenty checks follow each.
 """
 
 from __future__ import annotations
 
 import argparse
+import json
 import math
 from collections import Counter
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from functools import cache
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -32,7 +35,8 @@ from suta_calib.terms import Term
 ROOT: Final = Path(__file__).resolve().parents[1]
 SUTA: Final = ROOT / "data" / "suta"
 CAMERA: Final = ROOT / "examples" / "camera_on_arm"
-PER_CALIBRATION: Final = 10
+PER_CALIBRATION: Final = 20
+TABLE: Final = ROOT / "docs" / "guides" / "check_table.md"
 
 ARM: Final = """\
 arm: {{urdf: {urdf}, tip: {tip}}}
@@ -69,6 +73,8 @@ class Kind:
         label: column whose values are a check each; empty for as many rows as follow.
         rows: of one check.
         camera: whether it is a camera's arm.
+        beside: the file that the samples have beside them.
+        noise: more than all kinds have.
     """
 
     fitted: str
@@ -77,6 +83,8 @@ class Kind:
     label: str = ""
     rows: int = 10
     camera: bool = False
+    beside: str = ""
+    noise: str = ""
 
 
 def _places(name: str, first: str, count: int, *, turned: bool, seed: int = 0) -> str:
@@ -112,43 +120,88 @@ _POINTS: Final = (
 )
 _PROBED: Final = "size_mm: 100, probe_radius_mm: 5"
 _AXIS: Final = "axis: [0, 0, -1]"
+_SCANNED: Final = (
+    "plane: true, points: 20, scanner_in_tip: {position_mm: [20, -30, 40], "
+    "rotation_rpy_deg: [5, 10, 90]}, "
+    "target_in_base: {position_mm: [350, 100, -100], rotation_rpy_deg: [10, 0, 20]}"
+)
+_WALLS: Final = (
+    "camera_pose: {position_mm: [20, -50, 80], rotation_rpy_deg: [5, 10, 40]}, planes: {"
+    "A: {position_mm: [0, 0, -200]}, "
+    "B: {position_mm: [900, 0, 0], rotation_rpy_deg: [0, -80, 10]}, "
+    "C: {position_mm: [0, 900, 0], rotation_rpy_deg: [85, 5, 0]}}"
+)
+_LATER_PLANES: Final = _places("planes", "V", PER_CALIBRATION, turned=True, seed=1)
 KINDS: Final = {
-    "tracked_point": Kind(f"samples: 60, {_INSTRUMENT}", f"samples: 100, {_INSTRUMENT}"),
+    "tracked_point": Kind(f"samples: 60, {_INSTRUMENT}", f"samples: 200, {_INSTRUMENT}"),
     "pairwise_distance": Kind(
         _ARTEFACT + _places("placements", "P", 6, turned=True),
-        _ARTEFACT + _places("placements", "V", 10, turned=True, seed=1),
+        _ARTEFACT + _places("placements", "V", PER_CALIBRATION, turned=True, seed=1),
         _ARTEFACT,
         "placement",
     ),
     "landmark": Kind(
         _ARTEFACT + _places("placements", "P", 6, turned=True),
-        _ARTEFACT + _places("placements", "V", 10, turned=True, seed=1),
+        _ARTEFACT + _places("placements", "V", PER_CALIBRATION, turned=True, seed=1),
         _ARTEFACT,
         "placement",
     ),
     "fixed_point": Kind(
         f"directions: 25, {_AXIS}, {_places('points', 'P', 4, turned=False)}",
-        f"directions: 12, {_AXIS}, {_places('points', 'V', 10, turned=False, seed=1)}",
+        f"directions: 12, {_AXIS}, {_places('points', 'V', PER_CALIBRATION, turned=False, seed=1)}",
         "",
         "point",
     ),
+    "contact": Kind(
+        f"directions: 25, {_AXIS}, {_places('spots', 'P', 4, turned=False)}",
+        f"directions: 12, {_AXIS}, {_places('spots', 'V', PER_CALIBRATION, turned=False, seed=1)}",
+        "",
+        "spot",
+    ),
     "plane": Kind(
         f"directions: 25, {_PROBED}, {_places('planes', 'P', 5, turned=True)}",
-        f"directions: 12, {_PROBED}, {_places('planes', 'V', 10, turned=True, seed=1)}",
+        f"directions: 12, {_PROBED}, {_LATER_PLANES}",
         "probe_radius_mm: 5, ",
         "plane",
     ),
+    "line": Kind(
+        f"directions: 25, {_PROBED}, {_places('lines', 'P', 5, turned=True)}",
+        f"directions: 12, {_PROBED}, {_places('lines', 'V', PER_CALIBRATION, turned=True, seed=1)}",
+        "probe_radius_mm: 5, ",
+        "line",
+    ),
     "range": Kind(
         f"directions: 40, length_mm: [200, 400], {_places('anchors', 'A', 4, turned=False)}",
-        f"directions: 30, length_mm: [200, 400], {_places('anchors', 'A', 4, turned=False)}",
+        f"directions: 55, length_mm: [200, 400], {_places('anchors', 'A', 4, turned=False)}",
     ),
-    "hand_eye": Kind(f"samples: 50, {_EYES}", f"samples: 60, {_EYES}", rows=6),
+    "hand_eye": Kind(f"samples: 50, {_EYES}", f"samples: 120, {_EYES}", rows=6),
     "gravity": Kind(
         "samples: 60, sensor: {rotation_rpy_deg: [0.3, -0.2, 0.4]}",
-        "samples: 100, sensor: {rotation_rpy_deg: [0.3, -0.2, 0.4]}",
+        "samples: 200, sensor: {rotation_rpy_deg: [0.3, -0.2, 0.4]}",
     ),
-    "camera_view": Kind(f"samples: 25, {_VIEW}", f"samples: 50, {_VIEW}", rows=5, camera=True),
-    "points": Kind(f"samples: 60, {_POINTS}", f"samples: 100, {_POINTS}", rows=10, camera=True),
+    "camera_view": Kind(
+        f"samples: 25, {_VIEW}",
+        f"samples: 100, {_VIEW}",
+        f"board: {CAMERA / 'board.yaml'}, camera: {CAMERA / 'camera.yaml'}, ",
+        rows=5,
+        camera=True,
+        beside="corners",
+        noise=", corner_px: 0.1",
+    ),
+    "points": Kind(
+        f"samples: 60, {_POINTS}",
+        f"samples: 200, {_POINTS}",
+        f"board: {CAMERA / 'board.yaml'}, ",
+        camera=True,
+    ),
+    "plane_view": Kind(f"samples: 80, {_WALLS}", f"samples: 160, {_WALLS}", rows=8),
+    "profile": Kind(
+        f"samples: 30, {_SCANNED}",
+        f"samples: 100, {_SCANNED}",
+        "plane: true, ",
+        rows=5,
+        beside="profiles",
+    ),
 }
 
 
@@ -175,27 +228,21 @@ def made(name: str, seed: int, *, lacking: bool = False) -> Made:
         "tip": "hand" if kind.camera else "tip",
         "lengths": "joint_3.z, joint_5.z" if kind.camera else "joint_2.z, joint_4.z, joint_6.z",
         "posture": "posture_deg: {joint_2: 20, joint_3: 60, joint_5: 100}" if kind.camera else "",
-        "noise": ", corner_px: 0.1" if name == "camera_view" else "",
+        "noise": kind.noise,
         "kind": name,
         "seed": seed,
     }
-    row = kind.row
-    if name == "camera_view":
-        row = f"board: {CAMERA / 'board.yaml'}, camera: {CAMERA / 'camera.yaml'}, "
     with TemporaryDirectory() as place:
         folder = Path(place)
         file = folder / "simulation.yaml"
         file.write_text(ARM.format(**words, fitted=kind.fitted, later=kind.later))
         write_simulation(simulate(read_simulation(file)), folder)
-        if name == "points":
-            row = f"board: {CAMERA / 'board.yaml'}, "
-        text = JOB.format(**words, row=row)
-        if name == "camera_view":
-            fitted, _, held_out = text.partition("validation:")
-            text = fitted.replace("samples:", "corners: corners/calibration.csv, samples:")
-            text += "validation:" + held_out.replace(
-                "samples:", "corners: corners/later.csv, samples:"
-            )
+        text = JOB.format(**words, row=kind.row)
+        if kind.beside:
+            of_set = [part.partition("/*.csv")[0] for part in text.split("samples: '")[1:]]
+            for one in of_set:
+                given = f"{kind.beside}: {kind.beside}/{one}.csv, samples: '{one}/"
+                text = text.replace(f"samples: '{one}/", given)
         (folder / "job.yaml").write_text(text)
         job = CalibrationJob.load(folder / "job.yaml")
     observations, (later,) = job.observations, job.validation
@@ -236,17 +283,61 @@ def sound_checks(
     name: str, count: int, *, lacking: bool = False, outliers: bool = False
 ) -> Iterator[Check]:
     """Checks of arms on which nothing changed."""
-    random = np.random.default_rng(7)
     done, seed = 0, 0
     while done < count:
         seed += 1
-        answer = made(name, seed, lacking=lacking)
-        if not answer.checker.solution.converged:
-            continue
-        for term in answer.checks[: count - done]:
-            rows = with_outlier(term, random) if outliers else term
-            yield answer.checker.check(rows)
+        for check in checks_of(name, seed, lacking=lacking, outliers=outliers)[: count - done]:
+            yield check
             done += 1
+
+
+def checks_of(name: str, seed: int, *, lacking: bool, outliers: bool) -> list[Check]:
+    """Those of one calibration; none where it did not converge."""
+    random, answer = np.random.default_rng([7, seed]), made(name, seed, lacking=lacking)
+    if not answer.checker.solution.converged:
+        return []
+    rows = [with_outlier(term, random) if outliers else term for term in answer.checks]
+    return [answer.checker.check(term) for term in rows]
+
+
+@dataclass(frozen=True)
+class Counted:
+    """The checks of one calibration.
+
+    Attributes:
+        kind: of observation.
+        lacking, outliers: whether the arm has errors that no model has, and rows are wrong.
+        seed: of the calibration.
+        p: of each check.
+        changed: what each said to have changed.
+        bad: of how many rows were called bad.
+    """
+
+    kind: str
+    lacking: bool
+    outliers: bool
+    seed: int
+    p: list[float]
+    changed: list[list[str]]
+    bad: int
+
+    @classmethod
+    def of(cls, name: str, seed: int, *, lacking: bool, outliers: bool) -> Counted:
+        """Checks, done now."""
+        checks = checks_of(name, seed, lacking=lacking, outliers=outliers)
+        return cls(
+            *(name, lacking, outliers, seed),
+            [check.p for check in checks],
+            [[change.what for change in check.changed] for check in checks],
+            sum(bool(check.bad_rows) for check in checks),
+        )
+
+
+def counted_in(file: Path | None) -> list[Counted]:
+    """What was counted before."""
+    if file is None or not file.is_file():
+        return []
+    return [Counted(**json.loads(line)) for line in file.read_text().splitlines()]
 
 
 def interval(found: int, count: int) -> tuple[float, float]:
@@ -259,19 +350,66 @@ def interval(found: int, count: int) -> tuple[float, float]:
 
 def false_alarms(args: argparse.Namespace) -> None:
     """A line for each kind."""
+    before = counted_in(args.keep)
     for name in args.kinds:
-        checks = list(sound_checks(name, args.checks, lacking=args.lacking, outliers=args.outliers))
-        wrong = [check for check in checks if not check.unchanged]
-        low, high = interval(len(wrong), len(checks))
-        bad = sum(bool(check.bad_rows) for check in checks)
-        small = [float(np.mean([c.p < level for c in checks])) for level in (0.05, 0.01)]
-        named = Counter(c.what for check in wrong for c in check.changed)
-        print(
-            f"{name:18s} {len(checks):4d} checks, {100 * len(wrong) / len(checks):5.2f} % false "
-            f"({100 * low:.2f} to {100 * high:.2f}), p < 5 %: {100 * small[0]:.1f} %, p < 1 %: "
-            f"{100 * small[1]:.1f} %, bad rows in {bad}  {dict(named)}",
-            flush=True,
-        )
+        mine = [c for c in before if _cell(c) == (name, args.lacking, args.outliers)]
+        seed = max((c.seed for c in mine), default=0)
+        while sum(len(c.p) for c in mine) < args.checks:
+            seed += 1
+            new = Counted.of(name, seed, lacking=args.lacking, outliers=args.outliers)
+            mine.append(new)
+            if args.keep:
+                with args.keep.open("a") as kept:
+                    kept.write(json.dumps(asdict(new)) + "\n")
+        print(" | ".join(_row(name, mine)), dict(_named(mine)), flush=True)
+
+
+def _cell(counted: Counted) -> tuple[str, bool, bool]:
+    return counted.kind, counted.lacking, counted.outliers
+
+
+def _named(counted: Sequence[Counted]) -> Counter[str]:
+    return Counter(what for c in counted for changed in c.changed for what in changed)
+
+
+def _row(name: str, counted: Sequence[Counted]) -> list[str]:
+    """Checks, calibrations, false alarms, and p-values below 5 %."""
+    p = np.array([p for c in counted for p in c.p])
+    wrong = sum(bool(changed) for c in counted for changed in c.changed)
+    low, high = interval(wrong, len(p))
+    return [
+        name,
+        str(len(p)),
+        str(sum(bool(c.p) for c in counted)),
+        f"{100 * wrong / len(p):.1f} ({100 * low:.1f} to {100 * high:.1f})",
+        f"{100 * np.mean(p < 0.05):.1f}",
+        str(sum(c.bad for c in counted)),
+    ]
+
+
+def write_table(args: argparse.Namespace) -> None:
+    """`TABLE`, of what was counted."""
+    before = counted_in(args.keep)
+    lines = [
+        "*Simulated; `python benchmarks/check_study.py` counts, and `--table` writes this table. "
+        "1 % was asked for.*",
+        "",
+        "| kind | arm | checks | calibrations | false alarms, % (95 %) | p < 5 % | bad rows |",
+        "|---|---|--:|--:|--:|--:|--:|",
+    ]
+    arms = {
+        (False, False): "as modelled",
+        (True, False): "plays and bends",
+        (False, True): "one wrong row",
+        (True, True): "plays and bends, one wrong row",
+    }
+    for name in KINDS:
+        for (lacking, outliers), arm in arms.items():
+            mine = [c for c in before if _cell(c) == (name, lacking, outliers)]
+            if any(c.p for c in mine):
+                kind, *numbers = _row(name, mine)
+                lines.append(f"| {' | '.join([kind, arm, *numbers])} |")
+    TABLE.write_text("\n".join(lines) + "\n")
 
 
 def with_joint_off(term: Term, joint: int, angle: float) -> Term:
@@ -296,7 +434,10 @@ def with_camera_moved(term: Term, values: dict[str, float], by: FloatArray) -> T
     else:
         assert samples.position is not None
         assert before.position is not None
+        assert before.rotation is not None
         assert after.position is not None
+        assert after.rotation is not None
+        assert samples.rotation is not None
         position = samples.position + after.position - before.position
         turned = np.swapaxes(before.rotation, 1, 2) @ after.rotation
         seen = replace(samples, position=position, rotation=samples.rotation @ turned)
@@ -355,9 +496,13 @@ def main() -> None:
     parser.add_argument("--lacking", action="store_true")
     parser.add_argument("--outliers", action="store_true")
     parser.add_argument("--found", action="store_true")
+    parser.add_argument("--keep", type=Path, help="file of what was counted, which is added to")
+    parser.add_argument("--table", action="store_true", help="write the table of what was counted")
     args = parser.parse_args()
     if args.found:
         found(args.checks)
+    elif args.table:
+        write_table(args)
     else:
         false_alarms(args)
 

@@ -2,9 +2,12 @@
 
 The residuals of the calibrated rows have the covariance σ² V(θ) of `row_errors`, less what the fit
 took. Their restricted likelihood (Patterson and Thompson 1971, doi:10.1093/biomet/58.3.545) over a
-coarse grid of θ, flat beforehand, and σ² integrated out with its Jeffreys prior, says how probable
-each θ is; given θ, σ² is S / χ²_ν. What the rows do not tell of the noise is thus in every figure
-of a check: few rows give a wide mixture.
+grid of θ, flat in log θ beforehand and made finer where the likelihood is sharp, with σ² integrated
+out by its Jeffreys prior, says how probable each θ is; given θ, σ² is S / χ²_ν. What the rows do
+not tell of the noise is thus in every figure of a check: few rows give a wide mixture.
+
+A picture has many rows and six numbers that tell of the arm: these sums are looked at
+(`SampleSums`), and what is left of its rows says what σ² is.
 
 New rows then have, with their derivative J by what was estimated,
 
@@ -16,7 +19,7 @@ rows: of what a model lacks, the fit has taken a part, there and here alike.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import product
@@ -35,20 +38,24 @@ from suta_calib.trust.extended_problem import with_geometry
 from suta_calib.trust.held_out import fitted_levels, scatter_unit, sort_of
 from suta_calib.trust.linear_fit import LinearFit
 from suta_calib.trust.neighbour_correlation import Freed
-from suta_calib.trust.subsampled import spread_out
+from suta_calib.trust.subsampled import numbers_of, spread_out
 
 # Components of calibrated rows by which the noise is learned: a variance of so many is known to a
 # tenth, and their matrices take milliseconds.
 ENOUGH: Final = 400
-# Variances of joint errors over that of the rows' own, and chords that near postures share: coarse,
-# for a likelihood that is flat.
-_POSTURE: Final = 0.0, 0.03, 0.1, 0.3, 1.0, 4.0
-_NEAR: Final = 0.1, 0.3, 1.0, 4.0
+# Variances of joint errors over that of the rows' own, in eighths of a decade: from none (below a
+# hundredth) to where the rows' own is nothing beside them, first by decades, then finer.
+_NONE, _MOST, _STEPS = -16, 24, (8, 4, 2, 1)
+# Chords that near postures share.
 _REACH: Final = 0.5, 2.0
+# What is less likely than the best by so many in the logarithm is not looked at more closely, and
+# so many points within that describe a likelihood.
+_LESS_LIKELY: Final = 4.0
+_DESCRIBED: Final = 24
 # Powers of the standard deviations that rows state, with which they may scatter.
 _STATED: Final = 1.0, 0.5, 0.0
-# The most probable kinds of noise: of many that hardly differ, so many stand for all.
-_KINDS: Final = 6
+# Kinds of noise that stand for all that are probable, each for as much probability.
+_KINDS: Final = 12
 
 
 @dataclass(frozen=True)
@@ -104,47 +111,22 @@ class LearnedErrors:
         values = {p.name: p.nominal for p in problem.parameters.values()} | solution.values
         x = np.array([values[name] for name in problem.names])
         rows = whitened_rows(problem, x, levels_of(problem, levels))
-        errors = RowErrors.of(problem, x, rows)
+        errors = RowErrors.of(problem, x, rows, summed=True)
         names = tuple(
-            name for name in (solution.problem.names[k] for k in solution.free) if name in values
+            name
+            for name in (solution.problem.names[k] for k in solution.free)
+            if name in problem.parameters
         )
         prior = dict(
             zip(solution.problem.names, solution.problem.prior_precision().tolist(), strict=True)
         )
-        names = tuple(name for name in names if name in problem.parameters)
         at = [problem.names.index(name) for name in names]
         fit = _fit(rows, errors, at, [prior[name] for name in names])
-        by_posture, near = (
-            errors.by_posture,
-            {reach: errors.near(errors, reach) for reach in _REACH},
-        )
-        unit = float(np.mean(np.diag(by_posture))) or 1.0
-        middle = float(np.mean(errors.stated[errors.stated != 0])) if errors.stated.any() else 0.0
-        outlying = _outlying(rows, errors)
-        powers = _STATED if errors.stated.any() else _STATED[:1]
-        stated, *_ = sorted(
-            powers,
-            key=lambda power: -_likelihood(fit, errors.scatter(power, middle) + outlying)[0],
-        )
-        own = errors.scatter(stated, middle) + outlying
-        kinds = list[tuple[float, NoiseKind]]()
-        for posture, common, reach in _choices():
-            covariance = own + (posture * by_posture + common * near[reach]) / unit
-            log, variance, freedom = _likelihood(fit, covariance)
-            kinds.append((log, NoiseKind(0.0, stated, posture, common, reach, variance, freedom)))
-        most = max(log for log, _ in kinds)
-        weights = np.exp([log - most for log, _ in kinds])
-        counted = np.argsort(-weights)[:_KINDS].tolist()
-        total = float(weights[counted].sum())
+        search = _Search.of(rows, errors, fit)
+        followed = -scaled_inverse(fit.information + np.diag(fit.prior)) @ fit.jacobian.T
+        share = numbers_of(terms) / numbers_of(solution.problem.terms)
         return cls(
-            tuple(replace(kinds[k][1], weight=float(weights[k]) / total) for k in counted),
-            levels,
-            errors,
-            unit,
-            middle,
-            -scaled_inverse(fit.information + np.diag(fit.prior)) @ fit.jacobian.T,
-            names,
-            len(fit.residual) / max(_equations(solution.problem.terms), len(fit.residual)),
+            search.kinds(), levels, errors, search.unit, search.middle, followed, names, share
         )
 
     @property
@@ -214,14 +196,6 @@ def levels_of(problem: Problem, levels: dict[tuple[str, str, bool], float]) -> l
     ]
 
 
-def _choices() -> Iterator[tuple[float, float, float]]:
-    """θ_1, θ_2 and ℓ that are tried."""
-    for posture in _POSTURE:
-        yield posture, 0.0, _REACH[0]
-        for common, reach in product(_NEAR, _REACH):
-            yield posture, common, reach
-
-
 def _fit(
     rows: Sequence[Rows], errors: RowErrors, free: Sequence[int], prior: Sequence[float]
 ) -> LinearFit:
@@ -230,23 +204,112 @@ def _fit(
     return LinearFit(errors.combine(jacobian), errors.combine(residual), np.array(prior))
 
 
-def _outlying(rows: Sequence[Rows], errors: RowErrors) -> FloatArray:
-    """(c, c) variance by which rows beyond Huber's threshold scatter more."""
-    weight = [np.repeat(r.line.weight, r.line.residual.shape[1]) for r in rows]
-    more = np.diag(1.0 / np.concatenate(weight) - 1.0)
-    return errors.combine(errors.combine(more).T)
+@dataclass(frozen=True, eq=False)
+class _Search:
+    """What θ is probable.
+
+    Attributes:
+        fit: of the rows.
+        rest: squares, and number, of what no unknown moves.
+        own: (c, c) covariance of what each row has for itself, with outliers.
+        by_posture, near: the others, near by its reach.
+        unit, middle: as of `LearnedErrors`.
+        stated: power of the standard deviations that rows state.
+    """
+
+    fit: LinearFit
+    rest: tuple[float, int]
+    own: FloatArray
+    by_posture: FloatArray
+    near: dict[float, FloatArray]
+    unit: float
+    middle: float
+    stated: float
+
+    @classmethod
+    def of(cls, rows: Sequence[Rows], errors: RowErrors, fit: LinearFit) -> _Search:
+        """Of calibrated rows."""
+        assert errors.sums is not None
+        weight = np.concatenate([np.repeat(r.line.weight, r.line.residual.shape[1]) for r in rows])
+        residual = np.concatenate([(r.line.residual / r.line.sigma[:, None]).ravel() for r in rows])
+        # Rows beyond Huber's threshold scatter more.
+        outlying = errors.outlying(errors.sums.weights(weight))
+        middle = float(np.mean(errors.stated[errors.stated != 0])) if errors.stated.any() else 0.0
+        rest = errors.sums.rest(residual, weight)
+        by_posture = errors.by_posture
+        unit = float(np.mean(np.diag(by_posture))) or 1.0
+        near = {reach: errors.near(errors, reach) / unit for reach in _REACH}
+        searches = [
+            cls(
+                fit,
+                rest,
+                errors.scatter(power, middle) + outlying,
+                by_posture / unit,
+                near,
+                unit,
+                middle,
+                power,
+            )
+            for power in (_STATED if errors.stated.any() else _STATED[:1])
+        ]
+        return max(searches, key=lambda search: search._tried((_NONE, _NONE, _REACH[0]))[0])
+
+    def kinds(self) -> tuple[NoiseKind, ...]:
+        """Some that stand for all, each with as much probability."""
+        span = range(_NONE, _MOST + 1, _STEPS[0])
+        first = [(i, j, reach) for i, j, reach in product(span, span, _REACH)]
+        tried = {at: self._tried(at) for at in map(_clear, first)}
+        for step in _STEPS[1:]:
+            if len(_likely(tried)) >= _DESCRIBED:
+                break
+            while True:
+                beside = {_clear(at) for one in _likely(tried) for at in _beside(one, step)}
+                if not (new := beside - tried.keys()):
+                    break
+                tried |= {at: self._tried(at) for at in new}
+        likely = sorted(_likely(tried))
+        most = max(tried[at][0] for at in likely)
+        share = np.cumsum([np.exp(tried[at][0] - most) for at in likely])
+        middles = (np.arange(_KINDS) + 0.5) / _KINDS * share[-1]
+        chosen = np.bincount(np.searchsorted(share, middles), minlength=len(likely))
+        return tuple(
+            replace(tried[at][1], weight=float(count) / _KINDS)
+            for at, count in zip(likely, chosen.tolist(), strict=True)
+            if count
+        )
+
+    def _tried(self, at: tuple[int, int, float]) -> tuple[float, NoiseKind]:
+        """Logarithm of the restricted likelihood; and σ² there, with its degrees of freedom."""
+        posture, common = (0.0 if k == _NONE else 10.0 ** (k / _STEPS[0]) for k in at[:2])
+        covariance = self.own + posture * self.by_posture + common * self.near[at[2]]
+        root = np.linalg.cholesky(covariance)
+        both = np.hstack([self.fit.jacobian, self.fit.residual[:, None]])
+        every = solve_triangular(root, both, lower=True, check_finite=False)
+        freed = Freed.of(every, self.fit, 2.0 * float(np.sum(np.log(np.diag(root)))))
+        squares, count = self.rest
+        log = -0.5 * freed.beside(squares, count).of_any_noise
+        freedom = max(round(len(every) - freed.fit.spent) + count, 1)
+        variance = max((freed.fit.squares + squares) / freedom, 1e-12)
+        return log, NoiseKind(0.0, self.stated, posture, common, at[2], variance, freedom)
 
 
-def _likelihood(fit: LinearFit, covariance: FloatArray) -> tuple[float, float, int]:
-    """Logarithm of the restricted likelihood, the estimate of σ², and its degrees of freedom."""
-    root = np.linalg.cholesky(covariance)
-    both = np.hstack([fit.jacobian, fit.residual[:, None]])
-    every = solve_triangular(root, both, lower=True, check_finite=False)
-    freed = Freed.of(every, fit, 2.0 * float(np.sum(np.log(np.diag(root)))))
-    freedom = max(round(len(every) - freed.fit.spent), 1)
-    return -0.5 * freed.of_any_noise, max(freed.fit.squares / freedom, 1e-12), freedom
+def _clear(at: tuple[int, int, float]) -> tuple[int, int, float]:
+    """A point of the grid within its limits; without near errors they have no reach."""
+    posture, near = (min(max(k, _NONE), _MOST) for k in at[:2])
+    return posture, near, _REACH[0] if near == _NONE else at[2]
 
 
-def _equations(terms: Sequence[Term]) -> int:
-    """How many numbers the calibrated rows are."""
-    return sum(term.equations() for term in terms)
+def _beside(at: tuple[int, int, float], step: int) -> list[tuple[int, int, float]]:
+    posture, near, reach = at
+    # Out of none, near errors may have any reach.
+    steps = [(posture + step, near), (posture - step, near), (posture, near - step)]
+    reaches = _REACH if near == _NONE else (reach,)
+    return [(*k, reach) for k in steps] + [(posture, near + step, other) for other in reaches]
+
+
+def _likely(
+    tried: Mapping[tuple[int, int, float], tuple[float, NoiseKind]],
+) -> list[tuple[int, int, float]]:
+    """Points that are not much less likely than the best."""
+    most = max(log for log, _ in tried.values())
+    return [at for at, (log, _) in tried.items() if log > most - _LESS_LIKELY]

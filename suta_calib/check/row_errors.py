@@ -15,7 +15,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from scipy.sparse import coo_array
@@ -30,6 +30,8 @@ from suta_calib.trust.rich_data import LEVER
 # Of the largest variance, that of a combination of rows which no error of a touch moves: distances
 # between n touches are more rows than coordinates that were measured.
 _ROUNDING: Final = 1e-3
+# Rows, their combinations (c, k), and the variances of these.
+_Combinations = tuple[IntArray, FloatArray, FloatArray]
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,6 +42,7 @@ class RowErrors:
     measured.
 
     Attributes:
+        sums: what is left of components where a sample has many of them; None where all are.
         combined: (c, m) orthonormal, these combinations; None where each row counts.
         own: (c, c) covariance of what each row or touch has for itself.
         stated: (c,) logarithm of the standard deviation that each row states; zero where none does.
@@ -51,6 +54,7 @@ class RowErrors:
         posture: (samples,) number of the rest.
     """
 
+    sums: SampleSums | None
     combined: FloatArray | None
     own: FloatArray
     stated: FloatArray
@@ -62,47 +66,71 @@ class RowErrors:
     posture: IntArray
 
     @classmethod
-    def of(cls, problem: Problem, x: FloatArray, rows: Sequence[Rows]) -> RowErrors:
-        """Those of a problem with all offsets of its arm, where it was linearised last."""
+    def of(
+        cls, problem: Problem, x: FloatArray, rows: Sequence[Rows], *, summed: bool = False
+    ) -> RowErrors:
+        """Those of a problem with all offsets of its arm, where it was linearised last.
+
+        Args:
+            problem: it.
+            x: where.
+            rows: whitened, there.
+            summed: only what the problem's unknowns and the tips move of samples with many rows.
+        """
         velocity = _by_joints(problem, x)
         shift = np.tile(np.eye(6), (len(velocity), 1, 1))
-        count = sum(r.line.residual.size for r in rows)
         deep = max(r.line.view.block.samples.shape[1] for r in rows)
-        sample = np.zeros((deep, count), dtype=np.intp)
-        by_joint, by_tip = (np.zeros((deep, count, v.shape[2])) for v in (velocity, shift))
-        # Rows, their combinations, and the variances of these.
-        parts, first = list[tuple[IntArray, FloatArray, FloatArray]](), 0
+        stated, sums, parts = list[FloatArray](), list[SampleSums](), list[_Combinations]()
+        by_joint, by_tip, sample = (list[Any]() for _ in range(3))
+        first = above = 0
         for r in rows:
             n, size = r.line.residual.shape
-            mine = slice(first, first + n * size)
             looked_at = r.line.view.block.samples + r.line.view.first_sample
             members = looked_at.shape[1]
-            sample[:members, mine] = np.repeat(looked_at, size, axis=0).T
-            by_joint[:members, mine] = _by_sample(r, velocity, looked_at)
-            by_tip[:members, mine] = _by_sample(r, shift, looked_at)
-            if members > 1:
-                parts += [
-                    *_measured(by_tip[:, mine, :3], sample[:, mine], np.arange(n * size) + first)
-                ]
+            moved = _by_sample(r, velocity, looked_at), _by_sample(r, shift, looked_at)
+            looks, states = np.repeat(looked_at, size, axis=0).T, _stated(r)
+            if summed and members == 1 and not states.any():
+                mine = SampleSums.of(r, moved[1][0], above)
+                sums.append(mine)
+                moved = mine.sum(moved[0][0], above)[None], mine.sum(moved[1][0], above)[None]
+                looks, states = looks[:, mine.first - above], np.zeros(len(mine.first))
             else:
-                each = np.arange(first, first + n * size)
-                parts.append((each, np.eye(n * size), np.ones(n * size)))
-            first += n * size
+                sums.append(SampleSums.of_each(n * size, above))
+            count = len(states)
+            here = np.arange(first, first + count)
+            if members > 1:
+                parts += [*_measured(moved[1][:, :, :3], looks, here)]
+            else:
+                parts.append((here, np.eye(count), np.ones(count)))
+            for every, of_block in zip((by_joint, by_tip, sample), (*moved, looks), strict=True):
+                unused = [(0, deep - members), *[(0, 0)] * (of_block.ndim - 1)]
+                every.append(np.pad(of_block, unused))
+            stated.append(states)
+            first, above = first + count, above + n * size
         own = np.diag(np.concatenate([values for *_, values in parts]))
-        stated = np.concatenate([_stated(r) for r in rows])
+        of_each = np.concatenate(stated)
         combined = None
         if deep > 1:
-            combined = np.zeros((len(own), count))
+            combined = np.zeros((len(own), first))
             last = np.cumsum([0, *(len(values) for *_, values in parts)])
             for (some, vectors, _), a, b in zip(parts, last, last[1:], strict=False):
                 combined[a:b, some] = vectors
-            stated = combined @ stated
+            of_each = combined @ of_each
         starts = problem.evaluation.table.first.tolist()
         posture = np.concatenate(
             [a + t.poses.rests for (a, _), t in zip(pairwise(starts), problem.terms, strict=True)]
         )
-        readings, sliding = _readings(problem)
-        return cls(combined, own, stated, by_joint, by_tip, sample, readings, sliding, posture)
+        return cls(
+            SampleSums.joined(sums) if summed else None,
+            combined,
+            own,
+            of_each,
+            np.concatenate(by_joint, axis=1),
+            np.concatenate(by_tip, axis=1),
+            np.concatenate(sample, axis=1),
+            *_readings(problem),
+            posture,
+        )
 
     def scatter(self, power: float, middle: float) -> FloatArray:
         """(c, c) what each row has for itself, if that goes with a power of what it states.
@@ -118,7 +146,14 @@ class RowErrors:
 
     def combine(self, columns: FloatArray) -> FloatArray:
         """(c, …) of what all rows have (m, …)."""
+        return self._combined(columns if self.sums is None else self.sums.sum(columns))
+
+    def _combined(self, columns: FloatArray) -> FloatArray:
         return columns if self.combined is None else np.asarray(self.combined @ columns)
+
+    def outlying(self, weight: FloatArray) -> FloatArray:
+        """(c, c) variance by which rows of robust weights (m,) scatter more."""
+        return self._combined(self._combined(np.diag(1.0 / weight - 1.0)).T)
 
     @property
     def by_posture(self) -> FloatArray:
@@ -141,7 +176,7 @@ class RowErrors:
     def shared(self, other: RowErrors, alike: FloatArray) -> FloatArray:
         """(c, c') covariance where joint errors of samples correlate so (samples, samples')."""
         every = _shared(self.by_joint, self.sample, other.by_joint, other.sample, alike)
-        return other.combine(self.combine(every).T).T
+        return other._combined(self._combined(every).T).T
 
     def of_sample(self, number: int) -> FloatArray:
         """(c, d) what one sample alone may move: its row, where its touch was, or a whole picture.
@@ -167,6 +202,85 @@ class RowErrors:
         return np.hstack([self.of_sample(k) for k in range(count)])
 
 
+@dataclass(frozen=True, eq=False)
+class SampleSums:
+    """What samples with many rows, such as pictures, say of the problem: a few sums of each.
+
+    The rest of their rows is noise of their own, that nothing in the problem moves.
+
+    Attributes:
+        parts: numbers of the components of a sample (n,), and the sums of these (k, n): orthonormal
+            once the components are weighed as the fit did. None: these components as they are.
+        first: (m,) of each sum, a component of its sample.
+    """
+
+    parts: tuple[tuple[IntArray, FloatArray | None], ...]
+    first: IntArray
+
+    @classmethod
+    def of_each(cls, count: int, above: int) -> SampleSums:
+        """Every component for itself; the first is number ``above``."""
+        numbers = np.arange(above, above + count)
+        return cls(((numbers, None),), numbers)
+
+    @classmethod
+    def of(cls, rows: Rows, by_tip: FloatArray, above: int) -> SampleSums:
+        """Of a block: the sums that its Jacobian, and the pose of each tip (n·d, 6), move."""
+        block, size = rows.line.view.block, rows.line.residual.shape[1]
+        look, weight = np.repeat(block.samples[:, 0], size), np.repeat(rows.line.weight, size)
+        order = np.argsort(look, kind="stable")
+        ends = np.flatnonzero(np.diff(look[order])) + 1
+        parts, first = list[tuple[IntArray, FloatArray | None]](), list[IntArray]()
+        for mine in np.split(order, ends):
+            columns = np.hstack([by_tip[mine], rows.jacobian[mine]])
+            columns = columns[:, np.any(columns, axis=0)]
+            sums = None
+            if columns.shape[1]:
+                root = np.sqrt(weight[mine])
+                units = np.linalg.norm(columns, axis=0)
+                vectors, values, _ = np.linalg.svd(
+                    root[:, None] * columns / units, full_matrices=False
+                )
+                # Of the largest singular value: less is rounding.
+                kept = vectors[:, values > 1e-9 * values[0]]
+                if kept.shape[1] < len(mine):
+                    sums = kept.T * root
+            parts.append((mine + above, sums))
+            first.append(mine + above if sums is None else np.full(len(sums), mine[0] + above))
+        return cls(tuple(parts), np.concatenate(first))
+
+    @classmethod
+    def joined(cls, blocks: Sequence[SampleSums]) -> SampleSums:
+        """Of all blocks."""
+        parts = tuple(part for block in blocks for part in block.parts)
+        return cls(parts, np.concatenate([block.first for block in blocks]))
+
+    def sum(self, columns: FloatArray, above: int = 0) -> FloatArray:
+        """(m, …) of columns, the first of which is that of component ``above``."""
+        return np.concatenate(
+            [
+                columns[numbers - above] if sums is None else sums @ columns[numbers - above]
+                for numbers, sums in self.parts
+            ]
+        )
+
+    def rest(self, residual: FloatArray, weight: FloatArray) -> tuple[float, int]:
+        """Weighted squares of what the sums leave of residuals (n,), and how many numbers it is."""
+        squares, count = 0.0, 0
+        for numbers, sums in self.parts:
+            if sums is not None:
+                mine = residual[numbers]
+                squares += float(weight[numbers] @ mine**2) - float(np.sum((sums @ mine) ** 2))
+                count += len(mine) - len(sums)
+        return max(squares, 0.0), count
+
+    def weights(self, weight: FloatArray) -> FloatArray:
+        """(m,) robust weights of components; one of sums, which are weighed already."""
+        return np.concatenate(
+            [weight[n] if sums is None else np.ones(len(sums)) for n, sums in self.parts]
+        )
+
+
 def _shared(
     left: FloatArray, samples: IntArray, right: FloatArray, others: IntArray, alike: FloatArray
 ) -> FloatArray:
@@ -178,9 +292,7 @@ def _shared(
     return total
 
 
-def _measured(
-    by_tip: FloatArray, sample: IntArray, numbers: IntArray
-) -> Iterator[tuple[IntArray, FloatArray, FloatArray]]:
+def _measured(by_tip: FloatArray, sample: IntArray, numbers: IntArray) -> Iterator[_Combinations]:
     """Combinations of rows that look at several touches, as many as were measured.
 
     Of all rows that hang together by their touches: which they are, their combinations (c, k), and

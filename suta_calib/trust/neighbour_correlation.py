@@ -97,11 +97,13 @@ class Freed:
         fit: of these rows.
         freedom: components of all rows beyond unknowns of which nothing is known beforehand.
         volume: logarithm of the determinants of the restricted likelihood.
+        more: squares of other components.
     """
 
     fit: LinearFit
     freedom: int
     volume: float
+    more: float = 0.0
 
     @classmethod
     def of(cls, every: FloatArray, fit: LinearFit, volume: float, **more: Any) -> Freed:
@@ -124,15 +126,20 @@ class Freed:
         fixed = int(np.count_nonzero((fit.prior == 0) & (scale > 1e-9)))
         return cls(freed, max(len(every) - fixed, 1), volume)
 
+    def beside(self, squares: float, count: int) -> Freed:
+        """With more components, independent and of no unknown, of which the squares are known."""
+        return replace(self, more=self.more + squares, freedom=self.freedom + count)
+
     @property
     def of_this_noise(self) -> float:
         """-2 log of the restricted likelihood where the noise is one."""
-        return self.fit.squares + self.volume
+        return self.fit.squares + self.more + self.volume
 
     @property
     def of_any_noise(self) -> float:
         """The same where it is the likeliest."""
-        return self.freedom * float(np.log(self.fit.squares / self.freedom)) + self.volume
+        squares = self.fit.squares + self.more
+        return self.freedom * float(np.log(squares / self.freedom)) + self.volume
 
 
 @dataclass(frozen=True, eq=False)

@@ -20,6 +20,8 @@ MOST_SAMPLES: Final = 5_000
 # Corners by which a picture tells where its board is nearly as well as by a thousand: what else is
 # wrong with it, they share.
 ENOUGH_CORNERS: Final = 12
+# Corners of a picture that are looked at, where all its noise is.
+MOST_CORNERS: Final = 60
 
 
 def thinned(solution: Solution) -> Solution:
@@ -75,13 +77,12 @@ def of_fewer_corners(term: Term, most: int) -> Term:
 
 
 def spread_out(terms: Sequence[Term], most: int) -> list[Term]:
-    """Some samples of each term, a random choice, with no more than so many residuals in all.
+    """Some samples of each term, a random choice, with no more than so many numbers in all.
 
-    Of pictures there are at most `ENOUGH_CORNERS` corners each.
+    Of pictures there are at most `MOST_CORNERS` corners each.
     """
-    terms = [of_fewer_corners(term, ENOUGH_CORNERS) for term in terms]
-    count = [sum(len(block) * block.size for block in term.blocks) for term in terms]
-    share, chosen = most / max(sum(count), 1), list[Term]()
+    terms = [of_fewer_corners(term, MOST_CORNERS) for term in terms]
+    share, chosen = most / max(numbers_of(terms), 1), list[Term]()
     if share >= 1.0:
         return terms
     for term in terms:
@@ -91,3 +92,14 @@ def spread_out(terms: Sequence[Term], most: int) -> list[Term]:
         rows = np.random.default_rng(0).permutation(len(term.poses))[:kept]
         chosen.append(term.take(np.sort(rows)))
     return chosen
+
+
+def numbers_of(terms: Sequence[Term]) -> int:
+    """How many numbers rows are: one sample tells no more than the six of where its tip is."""
+    return sum(
+        min(len(block) * block.size, 6 * len(term.poses))
+        if block.samples.shape[1] == 1
+        else len(block) * block.size
+        for term in terms
+        for block in term.blocks
+    )
