@@ -14,7 +14,14 @@ from typing import Any, Literal
 from suta_calib.acquisition.continuous import Continuous, Swept, time_columns
 from suta_calib.acquisition.extra_columns import ExtraColumns
 from suta_calib.acquisition.guided import Guided, Keyboard, Keys
-from suta_calib.acquisition.pictures import FOLDER, IMAGE, RestPictures, Seen, nothing_seen
+from suta_calib.acquisition.pictures import (
+    FOLDER,
+    IMAGE,
+    RestPictures,
+    Seen,
+    SoughtBoard,
+    nothing_seen,
+)
 from suta_calib.acquisition.raw import RawRecorder
 from suta_calib.acquisition.replay import RecordedStream, RecordingEnded
 from suta_calib.acquisition.rest import DEFAULT_REST, RestSettings
@@ -101,7 +108,9 @@ class MeasureOptions(Displayable):
         rest: what counts as rest.
         chain: which of several chains of the job's robot is measured.
         camera: ``NAME=SOURCE`` of a camera that takes a picture at each rest; samples and pictures
-            go to the folder of this name beside the job (`RestPictures`).
+            go to the folder of this name beside the job (`RestPictures`). Where the job has a row
+            of this camera with a board, rests count in which it is seen, and its corners are
+            found (`SoughtBoard`).
     """
 
     job: Path
@@ -260,7 +269,9 @@ def measure(
         see = nothing_seen
         if options.camera_files is not None:
             source, folder = options.camera_files
-            see = stack.enter_context(closing(RestPictures(source, folder / FOLDER)))
+            sought = SoughtBoard.of(options.job, folder.name)
+            pictures = RestPictures(source, folder / FOLDER, sought)
+            see = stack.enter_context(closing(pictures))
             columns = (*columns, IMAGE)
         # What is felt in motion is more than what is wanted of a rest.
         in_motion = options.continuous is not None

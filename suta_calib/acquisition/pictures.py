@@ -3,17 +3,67 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from itertools import count
 from pathlib import Path
 from typing import Final
 
+from suta_calib import vision
 from suta_calib.errors import DeviceError, InputError, OutputError
+from suta_calib.job.outline import read_outline
+from suta_calib.measurements import corners_of, read_board, read_text, write_text
+from suta_calib.measurements.board import Board
+from suta_calib.measurements.corners import corners_text
 from suta_calib.vision.opencv import open_video, opencv
 
 # Label of the samples that names the picture.
 IMAGE: Final = "image"
 FOLDER: Final = "pictures"
 Seen = Callable[[], Mapping[str, str]]
+
+
+class NothingSeenError(InputError):
+    """A picture that does not show what was sought: its rest is no sample."""
+
+
+@dataclass(frozen=True)
+class SoughtBoard:
+    """A board that a job's camera sees, and the file for its corners."""
+
+    board: Board
+    corners: Path
+
+    @classmethod
+    def of(cls, job: Path, name: str) -> SoughtBoard | None:
+        """That of the job's row with samples in the folder of a camera; None without such a row.
+
+        Raises:
+            JobError, BoardError: the job or the board cannot be read.
+        """
+        for row in read_outline(job).rows:
+            if {"corners", "board"} <= row.section.data.keys() and any(
+                Path(pattern).parent == Path(name) for pattern in row.samples
+            ):
+                board = read_board(row.section.existing_file("board"))
+                return cls(board, job.parent / row.section.text("corners"))
+        return None
+
+    def add(self, image: str, picture: vision.Grey) -> int:
+        """Find the board in a picture, and add its corners to the file; how many they are.
+
+        Raises:
+            NothingSeenError: it is not there.
+            OutputError: they cannot be written.
+        """
+        try:
+            found = vision.finder_of(self.board).find(picture)
+        except vision.NotSeenError as problem:
+            raise NothingSeenError(problem.found, problem.expected) from None
+        names = [image] * len(found.point)
+        header, _, rows = corners_text(corners_of(names, found.point, found.pixel)).partition("\n")
+        before = read_text(self.corners) if self.corners.exists() else header
+        write_text(self.corners, f"{before.rstrip()}\n{rows}")
+        return len(names)
 
 
 class RestPictures:
@@ -23,14 +73,15 @@ class RestPictures:
         source: number of a camera of this computer, or what OpenCV opens else: a URL, a video, or
             numbered pictures (``%02d.png``), which are taken one after the other.
         folder: of the pictures; made with the first one. Nothing there is overwritten.
+        sought: a board that must be in each picture; pictures without it are not kept.
 
     Raises:
         InputError: nothing opens there.
         MissingExtraError: OpenCV is not installed.
     """
 
-    def __init__(self, source: str, folder: Path) -> None:
-        self._source, self._folder = source, folder
+    def __init__(self, source: str, folder: Path, sought: SoughtBoard | None = None) -> None:
+        self._source, self._folder, self._sought = source, folder, sought
         self._capture = open_video(source)
         if self._capture is None:
             expected = "the number of a camera of this computer (0, 1, …), or a URL"
@@ -43,6 +94,7 @@ class RestPictures:
 
         Raises:
             DeviceError: the camera gives none.
+            NothingSeenError: the board is not in it.
             OutputError: it cannot be written.
         """
         for _ in range(self._waiting):
@@ -55,6 +107,12 @@ class RestPictures:
         file = next(path for path in files if not path.exists())
         if not opencv().imwrite(str(file), picture):
             raise OutputError(f"{file}: not written")
+        if self._sought is not None:
+            try:
+                self._sought.add(file.name, vision.read_picture(file))
+            except NothingSeenError:
+                file.unlink()
+                raise
         return {IMAGE: file.name}
 
     def close(self) -> None:

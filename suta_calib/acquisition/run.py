@@ -17,7 +17,7 @@ from typing import Final
 import numpy as np
 
 from suta_calib.acquisition.averaging import Average
-from suta_calib.acquisition.pictures import Seen, nothing_seen
+from suta_calib.acquisition.pictures import NothingSeenError, Seen, nothing_seen
 from suta_calib.acquisition.rest import DEFAULT_REST
 from suta_calib.acquisition.seating_check import SeatingCheck
 from suta_calib.acquisition.session_events import Stations, StationState, StationStatus
@@ -119,9 +119,20 @@ class Run:
         return Stations(tuple(states), tips, None if seating is None else seating.placed())
 
     def confirm(self, average: Average, note: str = "", *, described: bool = True) -> None:
-        """Write the sample of the next station, say so (and describe it), go on; as `put`."""
+        """Write the sample of the next station, say so (and describe it), go on; as `put`.
+
+        Where a camera does not see what it should there is no sample, and the station stays next.
+        """
         station = self.station
-        labels = {**station.labels, **average.cells, **self._see()}
+        try:
+            seen = self._see()
+        except NothingSeenError as problem:
+            self.last, self._last_labels = average.angles, None
+            self.say(
+                f"{station.name}: no sample: the picture shows {problem.found}; move the arm on"
+            )
+            return
+        labels = {**station.labels, **average.cells, **seen}
         row = self.file.put(labels, average.angles, self._rows.get(self.index))
         doubts = self._doubts(average)
         self._rows[self.index], self.last = row, average.angles

@@ -101,7 +101,9 @@ class PlaceCommand(click.Command):
 @option(
     "--camera NAME=SOURCE",
     "With --free: take a picture at each rest, with the camera of this number (0, 1, ...) or URL. "
-    "Samples and pictures go to the folder NAME beside the job.",
+    "Samples and pictures go to the folder NAME beside the job. If the job has a row of this "
+    "camera, its board is sought at once: corners go to the row's file, and a rest without the "
+    "board does not count.",
 )
 @option("--raw", "File for all readings, as Parquet.", PATH)
 @urdf_option("URDF for the distances that are shown; default: the job's.")

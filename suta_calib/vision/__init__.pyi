@@ -10,7 +10,10 @@ from .detection import Detection as Detection
 from .detection import DetectionOptions as DetectionOptions
 from .detection import SearchedPicture as SearchedPicture
 from .detection import detect as detect
+from .detection import finder_of as finder_of
 from .drawing import drawn as drawn
+from .finder import NotSeenError as NotSeenError
+from .pictures import Grey as Grey
 from .pictures import PictureFile as PictureFile
 from .pictures import find_pictures as find_pictures
 from .pictures import read_picture as read_picture

@@ -6,12 +6,15 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from acquisition_scenes import Scene
+from acquisition_scenes import Attempt, Scene
 from device_stand_in import POSTURE, Script
 
 from suta_calib.acquisition.continuous import Continuous
 from suta_calib.acquisition.guided import ENTER
+from suta_calib.acquisition.pictures import NothingSeenError
+from suta_calib.acquisition.run import SamplesFile
 from suta_calib.acquisition.touch_sequence import repeated
+from suta_calib.geometry.numbers import wrap
 from suta_calib.measurements import read_samples
 from suta_calib.terms import FixedPoint, PairwiseDistance
 from suta_calib.terms.poses import joint_ranges
@@ -142,6 +145,28 @@ def test_a_fixed_point_is_touched_in_many_postures(scene: Scene) -> None:
     attempt = scene.attempt(repeated(scene.arm, FixedPoint, "F1", "1", 3), script)
     assert attempt.done
     assert [labels["point"] for labels, _ in attempt.run.file.rows] == ["F1"] * 3
+
+
+def test_a_rest_whose_picture_shows_nothing_is_no_sample(scene: Scene) -> None:
+    """The next rest is of the same station; the arm must move before it."""
+    script = Script(POSTURE).rest(1.0)
+    for k in (1, 2):
+        script.move(POSTURE + 0.1 * k, 0.4).rest(1.0)
+    seen = iter(["000.png", "", "001.png"])
+
+    def see() -> dict[str, str]:
+        if not (image := next(seen)):
+            raise NothingSeenError("no chessboard")
+        return {"image": image}
+
+    plan = repeated(scene.arm, None, None, "1", 2)
+    file = SamplesFile(scene.folder / "a.csv", plan.arm.joints, ("image",), plan.key)
+    attempt = Attempt(plan, file, script.readings(), see)
+    assert attempt.done
+    assert [labels["image"] for labels, _ in file.rows] == ["000.png", "001.png"]
+    np.testing.assert_allclose(wrap(file.rows[1][1] - POSTURE), 0.2, atol=1e-5)
+    line = next(line for line in attempt.said if "no sample" in line)
+    assert line.endswith("no sample: the picture shows no chessboard; move the arm on")
 
 
 # ── Guided ─────────────────────────────────────────────────────────────────────────────────────

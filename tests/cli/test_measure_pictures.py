@@ -9,12 +9,18 @@ import pytest
 from cli_job import cli, refused
 from five_joints import AXES, urdf
 
+from suta_calib import ArmModel
 from suta_calib.acquisition.measuring import MeasureOptions
-from suta_calib.acquisition.pictures import FOLDER, RestPictures
+from suta_calib.acquisition.pictures import FOLDER, NothingSeenError, RestPictures, SoughtBoard
+from suta_calib.arrays import FloatArray
 from suta_calib.emulation import EmulatedArm, EmulationOptions, Timing
 from suta_calib.emulation.emulated import emulated_device
 from suta_calib.errors import DeviceError, InputError
-from suta_calib.measurements import read_csv_table
+from suta_calib.geometry.numbers import homogeneous, rotation_from_rpy
+from suta_calib.job.new_job import new_job, write_job
+from suta_calib.measurements import Camera, read_board, read_corners, read_csv_table
+from suta_calib.terms.hand_eye_start import EYE_IN_HAND, EYE_TO_HAND
+from suta_calib.vision import RenderOptions, rendered
 
 cv2 = pytest.importorskip("cv2")
 
@@ -45,6 +51,38 @@ def test_pictures_are_numbered_on_and_nothing_is_overwritten(camera: str, tmp_pa
         again()
     with pytest.raises(DeviceError, match="no picture from the camera"):
         again()
+
+
+def test_corners_are_found_as_pictures_are_taken(tmp_path: Path) -> None:
+    """By the job's row of the camera; a picture without the board is not kept."""
+    job = tmp_path / "job"
+    arm = ArmModel.from_urdf(urdf(AXES["crossed"]), "tip")
+    cameras = {"wrist": EYE_IN_HAND, "front": EYE_TO_HAND}
+    write_job(new_job(arm, job, urdf=tmp_path / "arm.urdf", cameras=cameras))
+    board = read_board(job / "board.yaml")
+    lens = Camera(640, 480, np.array([600.0, 600, 319.5, 239.5, 0, 0, 0, 0, 0]))
+    random, there = np.random.default_rng(1), list[FloatArray]()
+    for k, x in enumerate((-0.05, None, -0.04)):
+        picture = np.full((480, 640), 128, np.uint8)
+        if x is not None:
+            pose = homogeneous(rotation_from_rpy([0.2, 0.3, 0.1]), np.array([x, -0.03, 0.3]))
+            picture = rendered(board, lens, pose, random, RenderOptions(samples=2))
+            points = np.array([*board.points.values()])
+            there.append(lens.project(points @ pose[:3, :3].T + pose[:3, 3]))
+        cv2.imwrite(str(tmp_path / f"{k:02}.png"), picture)
+    sought = SoughtBoard.of(job / "calibration.yaml", "wrist")
+    assert sought is not None
+    assert SoughtBoard.of(job / "calibration.yaml", "side") is None
+    pictures = RestPictures(str(tmp_path / "%02d.png"), job / "wrist" / FOLDER, sought)
+    assert pictures() == {"image": "000.png"}
+    with pytest.raises(NothingSeenError, match="an empty picture"):
+        pictures()
+    assert pictures() == {"image": "001.png"}
+    corners = read_corners(job / "wrist/corners.csv")
+    assert corners.images == ["000.png", "001.png"]
+    assert len(corners) == 80
+    np.testing.assert_allclose(corners.table(board.points), there, atol=0.2)
+    assert (job / "front/corners.csv").read_text() == "image,point,u,v\n"
 
 
 def test_what_is_no_camera_is_refused(camera: str, tmp_path: Path) -> None:

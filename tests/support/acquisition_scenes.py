@@ -9,6 +9,7 @@ import numpy as np
 from device_stand_in import Replay, Script
 
 from suta_calib.acquisition.guided import Guided
+from suta_calib.acquisition.pictures import Seen, nothing_seen
 from suta_calib.acquisition.run import Run, SamplesFile
 from suta_calib.acquisition.session import ArmReadings, StreamEvents, run_session
 from suta_calib.acquisition.stops import StopFinder
@@ -34,9 +35,15 @@ def device(joints: tuple[str, ...]) -> DeviceSpec:
 class Attempt:
     """An unattended run over made-up readings."""
 
-    def __init__(self, plan: TouchSequence, file: SamplesFile, readings: list[Reading]) -> None:
+    def __init__(
+        self,
+        plan: TouchSequence,
+        file: SamplesFile,
+        readings: list[Reading],
+        see: Seen = nothing_seen,
+    ) -> None:
         self.said: list[str] = []
-        self.run = Run(plan, file, self.said.append)
+        self.run = Run(plan, file, self.said.append, see=see)
         finder = StopFinder(plan.arm.joints, SECONDS)
         taker = Unattended(self.run, finder, SECONDS)
         choose = ArmReadings(device(plan.arm.joints), plan.arm.joints)
