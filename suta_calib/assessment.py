@@ -17,8 +17,6 @@ from suta_calib.errors import SutaCalibError, UnusableResultError
 
 Level = Literal["good", "care", "bad"]
 WORD: Final[dict[Level, str]] = {"good": "Good", "care": "Take care", "bad": "Do not use"}
-# Exit code of a command that ran, but whose answer must not be used.
-NOT_USABLE: Final = 1
 A = TypeVar("A")
 T = TypeVar("T")
 
@@ -140,7 +138,8 @@ class Assessment:
     @property
     def exit_code(self) -> int:
         """Exit code of the command: 0, or 1 if the result must not be used."""
-        return 0 if self.usable else NOT_USABLE
+        # What must not be used is exit code 1.
+        return 0 if self.usable else 1
 
     @property
     def word(self) -> str:

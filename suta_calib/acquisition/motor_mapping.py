@@ -32,11 +32,6 @@ from suta_calib.terms import Term
 from suta_calib.units import deg, from_deg, mm
 from suta_calib.words import enumerated, listed
 
-# An order that costs so much more than the best is excluded. Of the 3840 of five joints one in a
-# hundred arms would then lose the right one by chance: 3840 · exp(-25 / 2) = 0.014.
-_EXCLUDED: Final = 25.0
-# Zeros so far apart are no matter of horns put on a tooth or two off, rad.
-_MIRRORED: Final = from_deg(60.0)
 # Of 8 joints, with exchanged pairs alone, there are 7,424 hypotheses; of more, too many.
 _MOST_JOINTS: Final = 8
 
@@ -187,7 +182,8 @@ class MotorMap(Displayable):
         # An arm that is mirrored as a whole has its zeros on the other side.
         far = float(np.abs(wrap(other.offsets - best.offsets)).max())
         remedy = "Touch more crosses, with the hand turned by 60 degrees or more"
-        if far > _MIRRORED:
+        # Zeros so far apart are no matter of horns put on a tooth or two off, rad.
+        if far > from_deg(60.0):
             remedy = (
                 f"With the one, zeros are up to {deg(far):.0f} degrees from those of the other: "
                 "the limits of the joints in the URDF would tell them apart. Add them"
@@ -248,7 +244,9 @@ def map_motors(
     best = answer[0]
     # Noise is at least what is assumed of an arm that nobody has calibrated.
     noise = max(1.0, best.cost / search.redundancy)
-    open_orders = [o for o in answer[1:] if o.cost - best.cost < _EXCLUDED * noise]
+    # An order that costs so much more than the best is excluded. Of the 3840 of five joints one in
+    # a hundred arms would then lose the right one by chance: 3840 · exp(-25 / 2) = 0.014.
+    open_orders = [o for o in answer[1:] if o.cost - best.cost < 25.0 * noise]
     beyond = (o.rms for o in answer[1:] if o not in open_orders)
     return MotorMap(
         *(arm, device, len(touches.readings), best, tuple(open_orders), next(beyond, math.inf)),

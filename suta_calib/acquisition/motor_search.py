@@ -32,8 +32,6 @@ _ASSUMED: Final = 5e-3
 _BEYOND_LIMITS: Final = from_deg(15.0)
 # What is known of an offset where there are no limits, rad: as good as nothing.
 OFFSET_STD: Final = 1.0
-# Of more joints only pairs are exchanged: 7! orders with 2^7 signs would be 645,120 hypotheses.
-_MOST_PERMUTED: Final = 5
 # Hypotheses that are fitted at once: enough for NumPy, and few enough for the memory.
 _AT_ONCE: Final = 2048
 
@@ -210,7 +208,9 @@ class OrderSearch:
         """Motors (h, n) and signs (h, n): all orders, or of many joints all exchanged pairs."""
         n = len(self.arm.joints)
         orders = [*permutations(range(n))]
-        if n > _MOST_PERMUTED:
+        # Of more joints only pairs are exchanged: 7! orders with 2^7 signs would be 645,120
+        # hypotheses.
+        if n > 5:
             orders = [tuple(range(n))]
             for a, b in combinations(range(n), 2):
                 swapped = {a: b, b: a}

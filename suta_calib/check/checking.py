@@ -41,15 +41,11 @@ from suta_calib.units import Unit, text
 from suta_calib.words import enumerated, listed
 
 FALSE_ALARM: Final = 0.01
-# Probability with which a change of the size of `Power` is found.
-POWER: Final = 0.9
 # Changes that a few rows can tell from each other.
 _MOST_CHANGES: Final = 3
 # Share of the samples that may be bad; samples below which none is told from a change.
 _MOST_BAD: Final = 0.25
 _FEWEST: Final = 4
-# By how much less than the best a suspect may explain that explains as much: chance of two numbers.
-_AS_MUCH: Final = float(chdtri(2, 0.01))
 UNKNOWN: Final = "something else"
 # What most often changes, and is said of what the rows would have shown.
 _FIRST: Final = ("base", "instrument", "camera", "board", "tip")
@@ -483,7 +479,9 @@ class Checking:
 def _change(certain: Sequence[Evidence], family: Family, rows: NewRows) -> FoundChange:
     """The best of some, and what explains nearly as much."""
     best, suspect = certain[0], suspect_of(certain[0])
-    alike = [suspect_of(e).what for e in certain[1:] if e.gain > best.gain - _AS_MUCH]
+    # By how much less than the best a suspect may explain that explains as much: chance of two
+    # numbers.
+    alike = [suspect_of(e).what for e in certain[1:] if e.gain > best.gain - float(chdtri(2, 0.01))]
     # A link holds its joint's zero.
     own_link = suspect.what.replace("joint ", "link ", 1)
     return FoundChange(
@@ -508,7 +506,8 @@ def _larger(one: FloatArray, other: FloatArray) -> FloatArray:
 def _power(suspect: Suspect, fit: LinearFit, evidence: Evidence, family: Family) -> FoundPower:
     """The smallest changes, wherever they point, that these rows would have shown."""
     curvature = fit.curvature(evidence.effect.columns)
-    least = family.seen(evidence.rank, POWER)
+    # Probability with which a change of the size of `Power` is found.
+    least = family.seen(evidence.rank, 0.9)
     if suspect.motion is not None:
         back = np.linalg.pinv(suspect.motion)
         curvature = back.T @ curvature @ back

@@ -11,7 +11,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Final
 
 import numpy as np
 
@@ -33,10 +32,6 @@ from suta_calib.errors import JobError, SamplesError
 from suta_calib.terms.term import Term
 from suta_calib.threads import single_threaded
 from suta_calib.trust.linear_fit import LinearFit
-
-# Candidates among which five hardly differ from the best five, and whose rows are weighed together
-# within seconds.
-_POOL: Final = Pool(placements=12, points=12, poses=60)
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,7 +77,11 @@ def design_check(
     """
     region = Region.around(situation) if region is None else region
     if places is None:
-        places = candidate_pool(situation, region, _POOL, 1, seed)
+        # Candidates among which five hardly differ from the best five, and whose rows are weighed
+        # together within seconds.
+        places = candidate_pool(
+            situation, region, Pool(placements=12, points=12, poses=60), 1, seed
+        )
         # What sees the arm anywhere needs nothing to be put down.
         postures = [place for place in places if place.kind == "pose"]
         places = postures or places

@@ -13,7 +13,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Final
 
 import numpy as np
 from scipy.special import fdtrc, fdtri, ncfdtrinc
@@ -21,11 +20,6 @@ from scipy.special import fdtrc, fdtri, ncfdtrinc
 from suta_calib.arrays import FloatArray
 from suta_calib.trust.evidence import Evidence
 from suta_calib.trust.linear_fit import LinearFit
-
-# Draws beyond the level on which its threshold rests: known to a tenth.
-_BEYOND: Final = 100
-# Degrees of freedom that are as good as infinitely many.
-_MANY: Final = 1e5
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,9 +59,11 @@ class Family:
             false_alarm: rate.
         """
         assert fit.noise_freedom is not None
-        freedom = min(fit.noise_freedom, _MANY)
+        # Degrees of freedom that are as good as infinitely many.
+        freedom = min(fit.noise_freedom, 1e5)
         maps = [_scores(fit, e) for e in evidence]
-        draws = int(np.ceil(_BEYOND / false_alarm))
+        # Draws beyond the level on which its threshold rests: known to a tenth.
+        draws = int(np.ceil(100 / false_alarm))
         random, least = np.random.default_rng(0), list[FloatArray]()
         basis = _basis(maps, len(fit.residual))
         in_basis = [m @ basis for m in maps]

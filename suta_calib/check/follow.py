@@ -43,8 +43,6 @@ from suta_calib.units import Unit
 SIZE: Final[dict[Unit, float]] = {"m": 1e-3, "rad": 2e-3, "1": 1e-3, "px": 1.0}
 # … and a third and five times that.
 _TIMES: Final = 0.3, 1.0, 5.0
-# Chance of a row so far off, from which on it waits for the next one.
-_FAR: Final = 1e-4
 
 
 @dataclass(frozen=True)
@@ -181,7 +179,8 @@ class Follow(Displayable):
         if count < 1:
             return False
         freedom = self.checker.errors.freedom
-        return float(fdtrc(count, freedom, max(squares, 0.0) / count)) < _FAR
+        # Chance of a row so far off, from which on it waits for the next one.
+        return float(fdtrc(count, freedom, max(squares, 0.0) / count)) < 1e-4
 
     def _evidence(self, checking: Checking) -> tuple[float, Suspect]:
         """Logarithm of the average e-value of all suspects, and the likeliest of them."""

@@ -6,12 +6,8 @@ import time
 from collections.abc import Iterator
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Final
 
 from suta_calib.errors import InputError, SamplesError
-
-# Seconds between two looks: sooner than anybody notices.
-_PAUSE: Final = 0.2
 
 
 def growing(file: Path, seconds: float | None) -> Iterator[Path]:
@@ -43,7 +39,8 @@ def growing(file: Path, seconds: float | None) -> Iterator[Path]:
                 yield copy
             if last:
                 return
-            time.sleep(_PAUSE)
+            # Seconds between two looks: sooner than anybody notices.
+            time.sleep(0.2)
 
 
 def about_file(error: InputError, copy: Path, file: Path) -> InputError:

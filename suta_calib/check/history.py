@@ -15,8 +15,6 @@ from suta_calib.errors import OutputError
 from suta_calib.units import Unit, from_mm, shown
 
 NAME: Final = "checks.jsonl"
-# Lines of a history that are looked at: one check a day for ten years.
-_MOST: Final = 4000
 
 
 @dataclass(frozen=True)
@@ -82,7 +80,8 @@ def recall(folder: Path) -> list[EarlierCheck]:
     except OSError:
         return []
     found = []
-    for line in text.splitlines()[-_MOST:]:
+    # Lines of a history that are looked at: one check a day for ten years.
+    for line in text.splitlines()[-4000:]:
         try:
             entry = json.loads(line)
             rms = entry.get("rms_mm")

@@ -15,7 +15,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from typing import Final
 
 import numpy as np
 from scipy.linalg import solve_triangular
@@ -27,11 +26,6 @@ from suta_calib.model.parameters import ParameterSet
 from suta_calib.solver.problem import Problem
 from suta_calib.solver.solution import Solution
 from suta_calib.trust.linear_fit import LinearFit
-
-# Steps that any repair takes: a change is found by the check already.
-_STEPS: Final = 8
-# Of a step, in whitened units, that changes nothing.
-_SETTLED: Final = 1e-4
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -186,7 +180,8 @@ class _Update:
         nothing = np.zeros(len(moved) + extra.shape[1])
         precision = np.concatenate([np.ones(len(z)), nothing])
         fit = LinearFit(np.zeros((0, 0)), np.zeros(0))
-        for _ in range(_STEPS):
+        # Steps that any repair takes: a change is found by the check already.
+        for _ in range(8):
             jacobian = [rows.jacobian[:, at_kept] @ self.factor[seen], rows.jacobian[:, moved]]
             both = np.hstack([*jacobian, extra, rows.residual[:, None]])
             white = solve_triangular(root, both, lower=True, check_finite=False)
@@ -197,7 +192,8 @@ class _Update:
             at[moved] += fit.step[len(z) : len(z) + len(moved)]
             at[at_kept] = start[at_kept] + self.factor[seen] @ z
             rows = rows.moved_to(at)
-            if float(np.linalg.norm(fit.jacobian @ fit.step)) < _SETTLED:
+            # Of a step, in whitened units, that changes nothing.
+            if float(np.linalg.norm(fit.jacobian @ fit.step)) < 1e-4:
                 break
         inverse = fit.inverse[: len(z) + len(moved), : len(z) + len(moved)]
         mapped = np.block(

@@ -22,14 +22,6 @@ from scipy.spatial import KDTree
 from suta_calib.arrays import BoolArray, FloatArray
 from suta_calib.geometry.numbers import right_singular
 
-# Points that are fitted, of many, and points among which planes are looked for.
-_FITTED: Final = 30_000
-_SEARCHED: Final = 4_000
-# Pieces of the surface that propose a plane, and neighbours that make one.
-_PIECES: Final = 200
-_NEIGHBOURS: Final = 40
-# Proposals that are improved.
-_CANDIDATES: Final = 8
 # Fewest points of a plane, and part of the cloud that they must be: any surface has flat pieces.
 FEWEST: Final = 100
 _PART: Final = 0.1
@@ -37,8 +29,6 @@ _PART: Final = 0.1
 _STEEPEST: Final = 0.1
 # Patches along each side of a plane: errors of points farther apart count as independent.
 _PATCHES: Final = 8
-# Of Tukey's biweight, with an efficiency of 95 %.
-_TUKEY: Final = 4.685
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,13 +91,15 @@ def plane_in(points: FloatArray) -> CloudPlane | None:
     """The largest plane in points (n, 3), m, seen from the origin; None where there is none."""
     if len(points) < FEWEST:
         return None
-    rays = _Rays.of(points[:: -(-len(points) // _FITTED)])
-    few = rays.some(slice(None, None, -(-len(rays.away) // _SEARCHED)))
+    # Of many points 30,000 are fitted, and planes are looked for among 4,000.
+    rays = _Rays.of(points[:: -(-len(points) // 30_000)])
+    few = rays.some(slice(None, None, -(-len(rays.away) // 4_000)))
     planes, tolerance = _proposals(few)
     if not len(planes):
         return None
     order = np.argsort([-_score(few, plane, tolerance) for plane in planes])
-    improved = [_improved(few, planes[k], tolerance) for k in order[:_CANDIDATES]]
+    # Proposals that are improved.
+    improved = [_improved(few, planes[k], tolerance) for k in order[:8]]
     improved.sort(key=lambda plane: -_score(few, plane, tolerance))
     best, taken = improved[0], _near(few, improved[0], tolerance)
     if taken.sum() < _PART * len(taken):
@@ -122,8 +114,9 @@ def plane_in(points: FloatArray) -> CloudPlane | None:
 def _proposals(rays: _Rays) -> tuple[FloatArray, float]:
     """Planes (k, 3) of pieces of the surface, and how far points lie off, of their distance."""
     points = rays.ray * rays.away[:, None]
-    count = min(_NEIGHBOURS, len(points))
-    seeds = points[:: max(1, len(points) // _PIECES)]
+    # So many pieces of the surface propose a plane, each of so many neighbours.
+    count = min(40, len(points))
+    seeds = points[:: max(1, len(points) // 200)]
     _, near = KDTree(points).query(seeds, k=count)
     middle = points[near].mean(axis=1)
     about = points[near] - middle[:, None]
@@ -175,7 +168,8 @@ def _fitted(rays: _Rays, plane: FloatArray, tolerance: float) -> CloudPlane | No
         expected = np.where(slope > _STEEPEST / 2, distance / np.maximum(slope, 1e-12), np.inf)
         off = np.where(np.isfinite(expected), rays.away - expected, np.inf)
         sigma = noise[0] + noise[1] * np.where(np.isfinite(expected), expected, 1.0) ** 2
-        tukey = np.maximum(1.0 - (off / (_TUKEY * sigma)) ** 2, 0.0) ** 2
+        # Of Tukey's biweight, with an efficiency of 95 %.
+        tukey = np.maximum(1.0 - (off / (4.685 * sigma)) ** 2, 0.0) ** 2
         on = tukey > 0
         if on.sum() < FEWEST:
             return None

@@ -15,10 +15,6 @@ from suta_calib.arrays import BoolArray, FloatArray, IntArray
 
 # Points that tell a circle, or a line, from what noise and edges make.
 FEWEST_POINTS: Final = 12
-# Candidates are through points that are so large a part of the profile apart.
-_STEPS: Final = (0.02, 0.04, 0.08, 0.15, 0.3, 0.45)
-# First points of candidates, per step.
-_FIRST: Final = 80
 # Of a circle, how much must be seen: of less, curvature is not told from a bent surface.
 LEAST_ARC: Final = np.radians(25.0)
 # Points belong to a curve within so many standard deviations of their noise.
@@ -199,12 +195,14 @@ def _voters(points: FloatArray) -> tuple[FloatArray, float]:
 def _spread_rows(n: int, count: int) -> IntArray:
     """(m, count) rows at equal steps, for candidates."""
     found = []
-    for part in _STEPS:
+    # Candidates are through points that are so large a part of the profile apart.
+    for part in (0.02, 0.04, 0.08, 0.15, 0.3, 0.45):
         step = max(int(part * n), 2)
         last = n - 1 - (count - 1) * step
         if last < 0:
             continue
-        first = np.unique(np.linspace(0, last, min(_FIRST, last + 1)).astype(np.intp))
+        # First points of candidates, per step.
+        first = np.unique(np.linspace(0, last, min(80, last + 1)).astype(np.intp))
         found.append(first[:, None] + step * np.arange(count))
     return np.concatenate(found) if found else np.zeros((0, count), dtype=np.intp)
 

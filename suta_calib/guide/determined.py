@@ -8,7 +8,7 @@ import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Final, TypeVar
+from typing import TypeVar
 
 import numpy as np
 
@@ -20,10 +20,6 @@ from suta_calib.job.standing_elsewhere import job_so_far
 from suta_calib.units import Unit, deg, from_mm, mm, text
 
 Answer = TypeVar("Answer")
-
-# A parameter is determined where what is left of it moves the tip by no more than a plug that is
-# seated by hand scatters, m.
-ENOUGH: Final = from_mm(0.1)
 
 
 @dataclass(frozen=True)
@@ -138,7 +134,9 @@ def _determined(job: CalibrationJob) -> SoFar:
         if before <= 0:
             continue  # It only says where the base is.
         gained = math.log(max(before / now, 1.0)) if now > 0 else math.inf
-        needed = math.log(max(before / ENOUGH, 1.0))
+        # A parameter is determined where what is left of it moves the tip by no more than a plug
+        # that is seated by hand scatters, m.
+        needed = math.log(max(before / from_mm(0.1), 1.0))
         share = 1.0 if gained >= needed else gained / needed
         parameters.append(Determined(parameter.name, parameter.unit, float(std[k]), now, share))
     uncertain = tip.std(covariance, tip.registered())

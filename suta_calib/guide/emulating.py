@@ -7,7 +7,6 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
-from typing import Final
 
 import numpy as np
 
@@ -23,9 +22,6 @@ from suta_calib.model.arm import ArmModel
 from suta_calib.simulation import InverseKinematics, PoseSpec
 from suta_calib.simulation.noise import stream
 from suta_calib.units import shown
-
-# Of the errors of the arm that is emulated.
-_SEED: Final = 1
 
 
 def job_to_try(job: Path) -> Path:
@@ -55,8 +51,9 @@ def emulated_arm(
     """
     outline = read_outline(job)
     ((kind, label),) = labels.items()
+    # Of the errors of the arm that is emulated.
     options = EmulationOptions(
-        outline.urdf(), script=job, errors_seed=_SEED, seed=zlib.crc32(label.encode())
+        outline.urdf(), script=job, errors_seed=1, seed=zlib.crc32(label.encode())
     )
     if kind == "placement":
         options = replace(options, placements={label: place}, sequence=sequence)

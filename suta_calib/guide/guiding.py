@@ -42,10 +42,6 @@ from suta_calib.terms import KINDS
 from suta_calib.units import mm, shown, text, unit_name
 from suta_calib.view.measuring import Mark, MarkStatus, MeasuredArm
 
-# How often the arm is drawn, s.
-_EACH: Final = 0.05
-# Sentences that the page shows.
-_LINES: Final = 8
 _MEASURING: Final = (
     ("retake", "Retake"),
     ("skip", "Skip"),
@@ -188,7 +184,8 @@ class Guide:
     def _listen(self, event: SessionEvent) -> None:
         match event:
             case Said():
-                self._lines = [*self._lines, event.text][-_LINES:]
+                # Sentences that the page shows.
+                self._lines = [*self._lines, event.text][-8:]
                 self.page.show(lines=self._lines)
             case Opened():
                 self._artefact = event.plan.artefact
@@ -218,7 +215,8 @@ class Guide:
 
     def _draw(self, live: Live) -> None:
         now = time.monotonic()
-        if now - self._drawn < _EACH:
+        # How often the arm is drawn, s.
+        if now - self._drawn < 0.05:
             return
         self._drawn = now
         if live.angles is not None:

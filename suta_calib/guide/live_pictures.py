@@ -30,9 +30,6 @@ from suta_calib.vision.finder import DetectedBoard, NotSeenError
 from suta_calib.vision.opencv import open_video, opencv
 from suta_calib.vision.pictures import Grey, UnusablePictureError, find_pictures, read_picture
 
-# A board is held still while its corners move by less than this, of the picture's width, from one
-# search to the next: an exposure of 1/30 s then blurs them by less than a tenth of a pixel.
-_STILL: Final = 0.002
 _PAUSE: Final = 0.1
 _BUTTONS: Final = [
     {"do": "take", "label": "Take now"},
@@ -168,7 +165,10 @@ class LivePictures:
             return None
         view = SeenBoard.of(detected, self._options.board, self._size)
         new = self._coverage.is_new(view)
-        still = before is not None and moved(before, detected) < _STILL * self._size[0]
+        # A board is held still while its corners move by less than this, of the picture's width,
+        # from one search to the next: an exposure of 1/30 s then blurs them by less than a tenth of
+        # a pixel.
+        still = before is not None and moved(before, detected) < 0.002 * self._size[0]
         if now or (new and still):
             self._keep(frame, view)
             return detected

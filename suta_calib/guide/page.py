@@ -23,8 +23,6 @@ from suta_calib.view.access import Page
 if TYPE_CHECKING:
     from websockets.asyncio.server import ServerConnection
 
-# How often a browser is told, s.
-_EACH: Final = 0.1
 # A browser sends the name of a button.
 _LONGEST: Final = 40
 # Of all pages.
@@ -112,7 +110,8 @@ class GuidePage:
             if news:
                 await connection.send(json.dumps(news))
                 told = shown
-            await asyncio.sleep(_EACH)
+            # How often a browser is told, s.
+            await asyncio.sleep(0.1)
 
     def _count(self, more: int) -> None:
         self.show(browsers=self._shown["browsers"] + more)

@@ -22,8 +22,6 @@ from suta_calib.measurements.pose_files import FAR
 from suta_calib.optional_packages import load
 
 SUFFIXES: Final = frozenset({".ply", ".pcd", ".npy"})
-# What is nearer no depth camera sees, m.
-_NEAREST: Final = 0.02
 _PCD_TYPES: Final = {"F": "f", "I": "i", "U": "u"}
 
 
@@ -60,7 +58,8 @@ class Cloud(Displayable):
             raise InputError(f"a cloud without points ({what})", "points in front of it", file=path)
         points = np.asarray(rows[there] * step, dtype=np.float64)
         away = float(np.median(np.linalg.norm(points, axis=1)))
-        if not _NEAREST <= away <= FAR:
+        # What is nearer no depth camera sees, m.
+        if not 0.02 <= away <= FAR:
             looks = "it looks like mm" if away > FAR else "it looks like m, read in a smaller unit"
             raise InputError(
                 f"points {away:.3g} m away (median)",

@@ -20,8 +20,6 @@ from suta_calib.units import from_mm, mm
 
 # No laser line is so long, and no scanner sees so far, m.
 LONGEST: Final = 5.0
-# Nor so short: all points nearer to the scanner than this, m, are metres read as mm.
-SHORTEST: Final = 1e-3
 # How cells of a point without a reading look, in lower case.
 _NOTHING: Final = frozenset({"", "nan", "null", "none", "inf", "-inf"})
 
@@ -114,7 +112,8 @@ def _checked(scan: NDArray[np.str_], point: FloatArray, path: Path | None) -> Pr
             where="profiles",
             hint="columns x and z are in m; are the numbers in mm? Then name them x_mm and z_mm",
         )
-    if largest < SHORTEST:
+    # Nor so short: all points nearer to the scanner than this, m, are metres read as mm.
+    if largest < 1e-3:
         raise SamplesError(
             f"all points within {mm(largest):.2g} mm of the scanner",
             "a line of centimetres",

@@ -14,8 +14,6 @@ from suta_calib.geometry.symbols import Symbol
 # Walks a branch from the link above the loop, with the passive joints at given angles, and gives
 # by joint the axis and a point on it, (3,) each, and the point of the branch's end.
 Reach = Callable[[int, Symbol], tuple[dict[str, tuple[Symbol, Symbol]], Symbol]]
-# Steps of Newton's method: from the tilts of built axes (0.5°) the first one leaves 1e-9 rad.
-STEPS = 2
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,7 +67,9 @@ class PlanarLoop:
             [phi, theta, *inputs],
             [gap, ca.jacobian(gap, phi), ca.jacobian(gap, theta)],
         )
-        for _ in range(STEPS):
+        # Steps of Newton's method: from the tilts of built axes (0.5°) the first one leaves 1e-9
+        # rad.
+        for _ in range(2):
             apart, slope, _ = function(angles, theta, *inputs)
             angles = angles - _inverse(slope) @ apart
         _, slope, by_theta = function(angles, theta, *inputs)

@@ -118,8 +118,6 @@ PLAUSIBLE: Final[dict[Unit, float]] = {
     # A turn that is read 18° too long: no gear, and hardly a potentiometer, is so wrong.
     "1": 0.05,
 }
-# The same of the placements of joints as built, as a standard deviation.
-USUAL_GEOMETRY: Final[dict[Unit, float]] = {"m": 2e-3, "rad": from_deg(0.5)}
 # Bounds and priors below it hold a parameter where it is, and their squares are lost in rounding.
 LEAST_SIZE: Final = 1e-12
 # A degree of eccentricity, or of play, would be seen with the naked eye.
@@ -365,7 +363,8 @@ def with_usual_priors(parameters: Iterable[Parameter]) -> ParameterSet:
     for p in parameters:
         if p.free and p.prior is None and math.isinf(p.upper - p.lower):
             by_hand = (p.key == OFFSET and p.unit == "rad") or not p.geometric
-            prior = p.plausible if by_hand else USUAL_GEOMETRY[p.unit]
+            # Of a joint's placement as built, a standard deviation.
+            prior = p.plausible if by_hand else {"m": 2e-3, "rad": from_deg(0.5)}[p.unit]
             p = replace(p, prior=prior, prior_assumed=True)
         usual.append(p)
     return ParameterSet(usual)

@@ -29,8 +29,6 @@ from suta_calib.words import listed
 
 # Standard deviations of X from which on it is not known at all, m and rad.
 _OPEN: Final = 50e-3, from_deg(10.0)
-# Standard deviations by which the radius that fits best may differ from the one that is said.
-_OTHER_RADIUS: Final = 4.0
 _ADVICE: Final = (
     "turn the scanner by 20° or more about all three axes, and let it cut the {0} at different "
     "places and distances"
@@ -289,7 +287,8 @@ def _other_radius(fit: ScanFit, model: BallModel, radius: float) -> _Radius:
     found, std = float(unknown.size(free.state)[0]), float(np.sqrt(free.covariance[9, 9]))
     off = abs(found - radius)
     # A hundredth changes little, and is within what arcs are told to.
-    if free.freedom < 3 or off < max(_OTHER_RADIUS * std, 0.01 * radius):
+    # Standard deviations by which the radius that fits best may differ from the one that is said.
+    if free.freedom < 3 or off < max(4.0 * std, 0.01 * radius):
         return _Radius()
     doubled = " Is it the diameter?" if abs(found / radius - 0.5) < 0.1 else ""
     sentence = (

@@ -27,8 +27,6 @@ from suta_calib.terms.hand_eye_start import (
 )
 from suta_calib.terms.many_eyes_start import SeenTogether, eyes_and_targets, loop_errors
 
-# Scatter, in units of the extent or rad, that is rounding.
-ROUNDING: Final = 1e-9
 # Pairs that determine X.
 NEEDED: Final = 3
 # Pairs below which positions can be fitted so well that they would seem exact: no pair can be
@@ -61,7 +59,8 @@ def first_consensus(A: Poses, B: Poses, together: SeenTogether, seed: int | None
     if alone:
         # Where all together scatter so many times more than each two by themselves, an eye or a
         # target was not where it was: no scatter of instruments or of a hand explains it.
-        sigmas = np.minimum(sigmas, 5.0 * np.median(alone, axis=0) + ROUNDING)
+        # Scatter, in units of the extent or rad, that is rounding.
+        sigmas = np.minimum(sigmas, 5.0 * np.median(alone, axis=0) + 1e-9)
     inliers = np.sum((norms / sigmas) ** 2, axis=1) <= outlier_limit(count, 2)
     # Where the hand turns about one axis only, rotations alone leave X open: closed forms say
     # nothing of these rows.

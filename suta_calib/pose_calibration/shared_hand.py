@@ -42,14 +42,8 @@ OF_HAND: Final = 9
 AXES: Final = 3
 # Rows of whose rests variances are asked: they are known to a few hundredths then.
 ENOUGH: Final = 600
-# Rests of which it is asked whether neighbours err alike.
-RESTS: Final = 45
 # Numbers for which an eye is believed to err as the others do: those of one row.
 BELIEVED: Final = 3.0
-# Noise, in units of the problem or rad, below which the solver's arithmetic is what is fitted.
-FINEST: Final = 1e-6
-# Distance, in units in which 1 is far, of what two eyes see.
-APART: Final = 30.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -219,7 +213,8 @@ def share_hand(
 
     true = _most_likely(at(x), fit)
     # The floors are of what hand and eye err by together.
-    least = np.square(np.maximum(floors, FINEST)) / 2.0
+    # Noise, in units of the problem or rad, below which the solver's arithmetic is what is fitted.
+    least = np.square(np.maximum(floors, 1e-6)) / 2.0
     assumed = replace(true, eyes=np.maximum(true.eyes, least))
     # Steps that the curvature of the turns leaves to do.
     for _ in range(2):
@@ -313,7 +308,8 @@ def _spread(
     seen = term.poses.samples
     assert seen.rotation is not None
     assert seen.position is not None
-    by_eye = APART * np.eye(len(true.eyes))[rows.eye]
+    # Distance, in units in which 1 is far, of what two eyes see.
+    by_eye = 30.0 * np.eye(len(true.eyes))[rows.eye]
     sight = np.hstack([embedded(seen.rotation, seen.position), by_eye])
     unit = np.sqrt(own)
     each = np.arange(n, dtype=np.intp)
@@ -335,7 +331,8 @@ def _beliefs(
         group: of the nine components.
     """
     count = len(space)
-    chosen = np.unique(np.linspace(0, count - 1, min(count, RESTS)).astype(np.intp))
+    # Rests of which it is asked whether neighbours err alike.
+    chosen = np.unique(np.linspace(0, count - 1, min(count, 45)).astype(np.intp))
     some, at = rows.of_rests(chosen), np.ix_(chosen, chosen)
     own = true.of_rows(some.eye)[..., None]
     both = np.concatenate([some.jacobian, some.residual[..., None]], axis=2)

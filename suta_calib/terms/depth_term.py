@@ -31,9 +31,6 @@ from suta_calib.terms.term import Term
 from suta_calib.units import mm
 from suta_calib.words import listed
 
-# Steps of depth are 1, 0.25, 0.2 or 0.1 mm: how many times as far away points are by another one.
-_STEPS: Final = (0.1, 0.2, 0.25, 4.0, 5.0, 10.0)
-
 NOISE_KEY: Final = Field(
     "depth_noise",
     mapping(DepthNoise),
@@ -233,7 +230,9 @@ class DepthTerm(EyeTerm):
         # So much of the distance is no error of an arm, nor of a camera.
         if off < 0.05 * away:
             return
-        better = {factor: self._misfit(factor) for factor in _STEPS}
+        # Steps of depth are 1, 0.25, 0.2 or 0.1 mm: how many times as far away points are by
+        # another one.
+        better = {factor: self._misfit(factor) for factor in (0.1, 0.2, 0.25, 4.0, 5.0, 10.0)}
         best = min(better, key=lambda factor: better[factor])
         # What fits five times better is no chance.
         if better[best] < 0.2 * off:

@@ -30,9 +30,6 @@ from suta_calib.terms.hand_eye_start import (
     some_poses,
 )
 
-# Rounds in which rows lose weight by how far off they are, and sweeps of means of rotations.
-ROUNDS: Final = 6
-SWEEPS: Final = 100
 # Relative singular value below which a direction is not determined at all.
 ROUNDING: Final = 1e-10
 
@@ -87,7 +84,8 @@ def eyes_and_targets(hand: Poses, seen: Poses, together: SeenTogether) -> tuple[
         return (X[0][None], X[1][None]), (Z[0][None], Z[1][None])
     weight = np.ones(len(hand[1]))
     X, Z = _weighed(hand, seen, together, weight)
-    for _ in range(ROUNDS):
+    # Rounds in which rows lose weight by how far off they are.
+    for _ in range(6):
         slid, turned = loop_errors(hand, seen, X, Z, together)
         again = _believed(slid) * _believed(turned)
         if np.allclose(again, weight, atol=0.02):
@@ -210,7 +208,8 @@ def _rotations(
     w = weight[:, None, None]
     back, after = np.swapaxes(A, 1, 2), np.swapaxes(B, 1, 2)
     R_X = np.tile(np.eye(3), (together.eyes, 1, 1))
-    for _ in range(SWEEPS):
+    # Sweeps of means of rotations.
+    for _ in range(100):
         R_X = _means(w * (back @ R_Z[together.target] @ after), together.eye, R_X)
         again = _means(w * (A @ R_X[together.eye] @ B), together.target, R_Z)
         still, R_Z = np.abs(again - R_Z).max() < ROUNDING, again

@@ -24,19 +24,10 @@ from suta_calib.geometry.numbers import (
 )
 from suta_calib.terms.hand_eye_start import Poses
 
-# Rotations that are tried, some 25° apart, and those of them that go on.
-_ROTATIONS: Final = 250
-_BEST: Final = 4
-# Rows that choose the rotation, of many.
-_ROWS: Final = 200
 # Singular value, of the largest, that is rounding.
 _ROUNDING: Final = 1e-9
 # How far an eye is from the origin of its carrier, m, where nothing else is known.
 _NEAR: Final = 0.3
-# Standard deviation from which on a motion of the eye is not determined, m; and what an angle is
-# worth beside a length, m per rad: how far the eye looks.
-_OPEN: Final = 0.02
-_LEVER: Final = 0.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,13 +60,16 @@ def eye_and_planes(carrier: Poses, points: FloatArray, plane: IntArray) -> EyeAn
         points: (n, 3) in the eye, m.
         plane: (n,) which plane each is on, from 0.
     """
-    few = np.unique(np.linspace(0, len(points) - 1, min(len(points), _ROWS)).astype(np.intp))
-    turns = random_rotations(np.random.default_rng(0), _ROTATIONS)
+    # Rows that choose the rotation, of many.
+    few = np.unique(np.linspace(0, len(points) - 1, min(len(points), 200)).astype(np.intp))
+    # Some 25° apart.
+    turns = random_rotations(np.random.default_rng(0), 250)
     some = (carrier[0][few], carrier[1][few]), points[few], plane[few]
     # Where every plane is numbered, also one of which no row was taken.
     count = int(plane.max(initial=0)) + 1
     misfit, position, normal, distance = _by_turns(*some, turns, count)
-    order = np.argsort(misfit, kind="stable")[:_BEST].tolist()
+    # So many rotations go on.
+    order = np.argsort(misfit, kind="stable")[:4].tolist()
     begun = (EyeAndPlanes(turns[k], position[k], normal[k], distance[k]) for k in order)
     # So many steps tell which of them ends well; the best one then goes on.
     few_steps, steps = 12, 40
@@ -200,7 +194,8 @@ def open_motions(
         which a radian counts as `_LEVER`.
     """
     left, columns = _linearised(carrier, points, plane, eye)
-    of_eye = columns[:, :6] / np.repeat([1.0, _LEVER], 3)
+    # What an angle is worth beside a length, m per rad: how far the eye looks.
+    of_eye = columns[:, :6] / np.repeat([1.0, 0.5], 3)
     # Planes follow: only what they cannot take up is seen of the eye. Each by itself, about its
     # middle, so that lengths are alike.
     followed = of_eye.copy()
@@ -215,4 +210,5 @@ def open_motions(
     freedom = max(len(left) - columns.shape[1], 1)
     # No depth camera and no arm errs by less than a tenth of a millimetre.
     scatter = max(float(np.sqrt(left @ left / freedom)), 1e-4)
-    return np.asarray(vectors[scatter > _OPEN * size])
+    # Standard deviation from which on a motion of the eye is not determined, m.
+    return np.asarray(vectors[scatter > 0.02 * size])

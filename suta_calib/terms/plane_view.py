@@ -36,9 +36,8 @@ from suta_calib.terms.poses import PoseSource
 _KEYS: Final = ("z", "rx", "ry")
 # Part of a motion from which on it is worth a word.
 _SHARE: Final = 0.2
-# Slope of the edge of a depth camera's view, cosine of the steepest angle at which it sees a
-# plane, and between which distances it sees, m, where it is simulated.
-_EDGE: Final = 0.4
+# Cosine of the steepest angle at which a simulated depth camera sees a plane, and between which
+# distances it sees, m.
 _STEEPEST: Final = 0.25
 _REACH: Final = (0.1, 3.0)
 # A plane that a ray does not meet is farther away than anything, m.
@@ -250,7 +249,8 @@ def _rays(measured: FloatArray | None, count: int) -> FloatArray:
     number = np.arange(count)
     # Of low discrepancy, so that few rays see all of a plane (Roberts, the plastic number).
     across, about = np.modf(np.outer([0.7548776662, 0.5698402910], number + 1))[0]
-    aside = _EDGE * np.sqrt(across)
+    # Slope of the edge of a depth camera's view.
+    aside = 0.4 * np.sqrt(across)
     angle = 2.0 * np.pi * about
     rays = np.column_stack([aside * np.cos(angle), aside * np.sin(angle), np.ones(count)])
     if measured is not None:

@@ -6,7 +6,7 @@ import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache, cached_property
-from typing import Any, ClassVar, Final, Self
+from typing import Any, ClassVar, Self
 
 import casadi as ca
 import numpy as np
@@ -50,11 +50,6 @@ from suta_calib.terms.setup import Setup
 from suta_calib.terms.target_start import instrument_and_targets
 from suta_calib.units import mm
 from suta_calib.words import listed
-
-# Second over first singular value of points that are on a line.
-_LINE: Final = 1e-3
-# Half the opening of a depth camera's view, as the slope of its edge: 2 · 31°.
-_EDGE: Final = 0.6
 
 
 @cache  # What was compiled for a residual is found again by it.
@@ -282,7 +277,8 @@ class DepthPoints(DepthTerm, BoardEyeTerm):
             points = np.array([places[name] for name in names])[which]
         eye = pose_named(values, self.frame_names[0])
         in_camera = points_in_eye(poses.at(values), eye, points, self.setup)
-        ahead = in_camera[:, 2] > np.linalg.norm(in_camera[:, :2], axis=1) / _EDGE
+        # Half the opening of a depth camera's view, as the slope of its edge: 2 · 31°.
+        ahead = in_camera[:, 2] > np.linalg.norm(in_camera[:, :2], axis=1) / 0.6
         sigma = None if self.depth_noise is None else self.depth_noise.sigmas(in_camera[:, 2])
         return Observed(in_camera, axes=self.simulated_axes(in_camera), sigma=sigma, sighted=ahead)
 
@@ -402,4 +398,5 @@ def _spread_out(points: FloatArray) -> bool:
     if len(points) < 3:
         return False
     singular = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
-    return bool(singular[1] > _LINE * singular[0])
+    # Second over first singular value of points that are on a line.
+    return bool(singular[1] > 1e-3 * singular[0])

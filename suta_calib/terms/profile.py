@@ -6,7 +6,7 @@ import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, ClassVar, Final, Self
+from typing import Any, ClassVar, Self
 
 import casadi as ca
 import numpy as np
@@ -48,17 +48,6 @@ from suta_calib.terms.profile_start import (
 from suta_calib.terms.setup import Setup
 from suta_calib.terms.term import Gap, Term
 from suta_calib.units import from_mm, mm
-
-# Part along the beam of a plane's normal, below which a scanner does not see it.
-STEEPEST: Final = 0.3
-# Of the radius: how far a ball's centre is beside the scanner's plane is not told better than this.
-LEAST_ASIDE: Final = 0.1
-# What an arc's radius scatters by, over what its centre does: by the hand, which moves the centre.
-_OF_RADIUS: Final = 0.3
-# Of the radius of an arc: from there on a ball shows no more than an edge.
-EDGE: Final = 0.97
-# Of the radius, what a simulated scanner sees of an arc to either side: 60°.
-SEEN: Final = 0.866
 
 
 def _ball(poses: Sequence[Pose], unknowns: Symbol, data: Symbol) -> Symbol:
@@ -358,7 +347,9 @@ class Profile(FramedTerm):
         ball is cut in its middle.
         """
         relative = np.ones((len(self._arcs), 3))
-        relative[:, 1] = np.hypot(1.0, _OF_RADIUS * self._arcs[:, 2] / self._aside)
+        # What an arc's radius scatters by, over what its centre does: by the hand, which moves the
+        # centre.
+        relative[:, 1] = np.hypot(1.0, 0.3 * self._arcs[:, 2] / self._aside)
         return relative
 
     @cached_property
@@ -369,7 +360,9 @@ class Profile(FramedTerm):
         """
         section = self._arcs[:, 2]
         radius = self.radius or 1.01 * float(section.max(initial=1e-3))
-        return np.sqrt(np.maximum(radius**2 - section**2, (LEAST_ASIDE * radius) ** 2))
+        # Of the radius: how far a ball's centre is beside the scanner's plane is not told better
+        # than this.
+        return np.sqrt(np.maximum(radius**2 - section**2, (0.1 * radius) ** 2))
 
     def _centres(self, values: Mapping[str, float], poses: PoseSource) -> FloatArray:
         """(n, 3) of the ball in the scanner, m."""
@@ -408,7 +401,8 @@ class Profile(FramedTerm):
         if self.plane:
             x = np.broadcast_to(across, (len(poses), self.points))
             z, slope = self._heights(values, poses, x)
-            in_sight = np.all((z > near) & (z < far), axis=1) & (np.abs(slope) > STEEPEST)
+            # Part along the beam of a plane's normal, below which a scanner does not see it.
+            in_sight = np.all((z > near) & (z < far), axis=1) & (np.abs(slope) > 0.3)
             place = np.column_stack([np.zeros(len(z)), np.zeros(len(z)), z.mean(axis=1)])
             pixels = np.where(in_sight[:, None, None], np.stack([x, z], axis=2), np.nan)
         else:
@@ -419,8 +413,9 @@ class Profile(FramedTerm):
     def _profile(self, place: FloatArray, radius: float) -> FloatArray:
         """(n, points, 2) of a ball whose centres are these (n, 3) in the scanner."""
         (near, far), arc = self.reach, np.sqrt(np.maximum(radius**2 - place[:, 1] ** 2, 0.0))
+        # Of the radius, what a simulated scanner sees of an arc to either side: 60°.
         left, right = (
-            np.clip(place[:, 0] + side * SEEN * arc, -self.field / 2, self.field / 2)
+            np.clip(place[:, 0] + side * 0.866 * arc, -self.field / 2, self.field / 2)
             for side in (-1.0, 1.0)
         )
         x = left[:, None] + (right - left)[:, None] * np.linspace(0, 1, self.points)
@@ -443,7 +438,8 @@ class Profile(FramedTerm):
     def _arc(place: FloatArray, arc: FloatArray, x: FloatArray, side: FloatArray) -> FloatArray:
         """(n, points) z of the ball at x, on the side of smaller (-1) or larger z; else NaN."""
         aside = x - place[:, :1]
-        inside = np.abs(aside) <= EDGE * arc[:, None]
+        # Of the radius of an arc: from there on a ball shows no more than an edge.
+        inside = np.abs(aside) <= 0.97 * arc[:, None]
         rise = np.sqrt(np.maximum(arc[:, None] ** 2 - aside**2, 0.0))
         return np.where(inside, place[:, 2:] + side[:, None] * rise, np.nan)
 

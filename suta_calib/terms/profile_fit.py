@@ -31,8 +31,6 @@ from suta_calib.terms.profile_start import (
 )
 from suta_calib.words import listed
 
-# Probability that a set without wrong scans loses one.
-_FALSE_ALARM: Final = 0.01
 # Of what a profile shows, in units of the model's scale: noise below it is rounding.
 _LEAST: Final = 1e-6
 
@@ -111,7 +109,8 @@ class ScanFit:
         of_answer = slope[0] @ self.covariance @ np.swapaxes(slope[0], 1, 2)
         total = np.where(fitted[:, None, None], total, total + of_answer)
         distance = np.einsum("ni,nij,nj->n", residual[0], np.linalg.inv(total), residual[0])
-        chance = _FALSE_ALARM / len(residual[0])
+        # Probability that a set without wrong scans loses one.
+        chance = 0.01 / len(residual[0])
         return np.asarray(distance / (size * fdtri(size, max(self.freedom, 1), 1.0 - chance)))
 
 

@@ -15,9 +15,6 @@ from suta_calib.terms.poses import PoseSource
 from suta_calib.units import mm
 from suta_calib.words import listed
 
-# Names of scans that a message quotes.
-QUOTED = 5
-
 
 def with_profiles(
     poses: PoseSource, profiles: Profiles, radius: float | None, *, plane: bool
@@ -132,5 +129,6 @@ def _check_postures(poses: PoseSource, scans: Sequence[str]) -> None:
 def _quoted(names: Sequence[str]) -> str:
     """The first few of different names."""
     names = list(dict.fromkeys(names))
-    quoted = names[:QUOTED]
+    # Names of scans that a message quotes.
+    quoted = names[:5]
     return listed(quoted) if len(names) == len(quoted) else ", ".join([*quoted, "…"])

@@ -23,18 +23,8 @@ from suta_calib.geometry.numbers import random_rotations, rotation_from_vector, 
 from suta_calib.geometry.planar import fitted_circle, piece_of_line
 from suta_calib.terms.hand_eye_start import Poses, some_poses
 
-# Rotations from which is searched: about 30° apart.
-_STARTS: Final = 250
-# After how many steps how many of them are left: most are soon seen to lead nowhere.
-_LEFT: Final = ((6, 60), (8, 20), (12, 6))
-# Scans that are searched with; all of them decide at last.
-_SEARCHED: Final = 24
 # Of the radius of a ball: a smaller section is not told from none.
 _SLIVER: Final = 0.1
-# In the cost of two answers, a difference that noise makes: of 2 log-likelihood ratios, p = 1e-4.
-_NO_NEWS: Final = 15.0
-# Radii that are tried where nobody says one, over the largest of an arc.
-_LARGER: Final = (1.01, 1.1, 1.3)
 
 
 @dataclass
@@ -161,7 +151,9 @@ class BallModel(ScanModel):
     ) -> None:
         self.hand, self.arcs, self.radius = hand, arcs, radius
         largest = float(arcs[:, 2].max(initial=1e-3))
-        self.radii = np.array([largest * f for f in _LARGER] if radius is None else [radius])
+        # Radii that are tried where nobody says one, over the largest of an arc.
+        tried = [largest * f for f in (1.01, 1.1, 1.3)]
+        self.radii = np.array(tried if radius is None else [radius])
         self.scale = 0.05 * self.radii[0]
         self.scatter = np.zeros((len(arcs), 3, 3)) if scatter is None else scatter
 
@@ -358,11 +350,14 @@ class PlaneModel(ScanModel):
 
 def scanner(model: ScanModel) -> Answers:
     """The lowest minimum, searched with some of the scans and decided with all."""
-    rotation = random_rotations(np.random.default_rng(0), _STARTS)
+    # Rotations from which is searched: about 30° apart.
+    rotation = random_rotations(np.random.default_rng(0), 250)
     n = len(model.hand[1])
-    some = model.take(np.unique(np.linspace(0, n - 1, min(n, _SEARCHED)).astype(np.intp)))
+    # Scans that are searched with; all of them decide at last.
+    some = model.take(np.unique(np.linspace(0, n - 1, min(n, 24)).astype(np.intp)))
     state = some.begun(rotation)
-    for steps, left in _LEFT:
+    # After how many steps how many of them are left: most are soon seen to lead nowhere.
+    for steps, left in ((6, 60), (8, 20), (12, 6)):
         state = some.descended(state, some.scale, steps)
         state = state.take(np.argsort(state.cost)[:left])
     state = model.descended(state, model.scale, 40)
@@ -370,7 +365,9 @@ def scanner(model: ScanModel) -> Answers:
     for _ in range(3):
         state = model.descended(state, model.typical(state), 20)
     # Of two answers that noise alone tells apart, that which can be.
-    cost = state.cost + _NO_NEWS * model.impossible(state)
+    # In the cost of two answers, a difference that noise makes: of 2 log-likelihood ratios, p =
+    # 1e-4.
+    cost = state.cost + 15.0 * model.impossible(state)
     return state.take(np.array([int(np.argmin(cost))]))
 
 

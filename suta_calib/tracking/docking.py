@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, Final
+from typing import Any
 
 import numpy as np
 
@@ -13,9 +13,6 @@ from suta_calib.device.reading import Reading
 from suta_calib.tracking.publisher import Publisher
 from suta_calib.tracking.recalibration import Recalibration
 from suta_calib.tracking.tracker import TrackedPose
-
-# How long the arm rests on a point before that counts as a touch, s.
-_REST: Final = 1.0
 
 
 class Docking(Publisher):
@@ -34,7 +31,8 @@ class Docking(Publisher):
     ) -> None:
         super().__init__()
         self.recalibration, self._say = recalibration, say
-        self._stops = StopFinder(recalibration.arm.joints, _REST, even=even)
+        # How long the arm rests on a point before that counts as a touch, s.
+        self._stops = StopFinder(recalibration.arm.joints, 1.0, even=even)
         self._waiting = list[Reading]()
         self._temperature: float | None = None
         self._said = 0

@@ -40,9 +40,6 @@ from suta_calib.tracking.uncertainty import CalibrationUncertainty
 from suta_calib.units import deg, from_deg, mm
 from suta_calib.words import listed
 
-# Chance of a touch so far off, if only the zeros drift as assumed. Such a touch is not taken in;
-# two in a row, at any points, are no accident.
-_FAR: Final = 1e-4
 # Standard deviations of its prior that a zero has drifted by before it is called too far: by
 # chance one in 16,000.
 _TOO_FAR: Final = 4.0
@@ -216,7 +213,9 @@ class Recalibration(Displayable):
         noise = self.spec.sigma**2 * np.eye(3)
         innovation, _ = self.estimate.expected(slope, residual, noise)
         off = float(np.linalg.norm(residual - slope @ self.estimate.mean))
-        used = innovation.p >= _FAR
+        # Chance of a touch so far off, if only the zeros drift as assumed. Such a touch is not
+        # taken in; two in a row, at any points, are no accident.
+        used = innovation.p >= 1e-4
         if used:
             self.estimate.update(slope, residual, noise)
         touch = Touch(point, time, off, innovation, used)

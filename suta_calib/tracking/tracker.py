@@ -244,7 +244,6 @@ def followed(parameters: ParameterSet, values: Mapping[str, float]) -> str:
 
 Correction: TypeAlias = Callable[[FloatArray, float | None], tuple[FloatArray, FloatArray]]
 _NO_POSE: Final = (np.full((3, 3), np.nan), np.full(3, np.nan), None, None)
-_NO_QUATERNION: Final = np.full(4, np.nan)
 
 
 class Tracker:
@@ -292,7 +291,7 @@ class Tracker:
         rotation, position, std, turn_std = (
             _NO_POSE if errors else self.kinematics.with_turns(angles)
         )
-        turn = _NO_QUATERNION if errors else quaternion(rotation)
+        turn = np.full(4, np.nan) if errors else quaternion(rotation)
         temperature = None if self._warmth is None else float(reading.extra[self._warmth])
         shift, shift_std = (
             (None, None)

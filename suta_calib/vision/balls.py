@@ -20,8 +20,6 @@ from suta_calib.vision.clouds import POINT_FILES, CloudReader, dropped_words
 from suta_calib.vision.clouds import searched as searched_clouds
 from suta_calib.words import listed
 
-# Points of a rival, of those of the ball, from which on either may be the one.
-_RIVAL: Final = 0.5
 _MOST_TOLD: Final = 3
 
 
@@ -126,7 +124,8 @@ def _notes(searched: Sequence[SearchedCloud], radii: Mapping[str, float]) -> lis
     lost = [f"{each.image} ({each.name})" for each in searched if each.ball is None]
     if lost:
         notes.append(f"{len(lost)} balls were not found: {listed(lost, _MOST_TOLD)}.")
-    rivals = [e.image for e in searched if e.ball is not None and e.ball.rival > _RIVAL]
+    # Points of a rival, of those of the ball, from which on either may be the one.
+    rivals = [e.image for e in searched if e.ball is not None and e.ball.rival > 0.5]
     if rivals:
         notes.append(
             f"In {len(rivals)} clouds ({listed(rivals, _MOST_TOLD)}) another ball of this radius "

@@ -22,8 +22,6 @@ PARTS: Final = (6, 4)
 # A board is facing the camera up to here, and tilted from there on; between it is both, rad.
 FACING: Final = from_deg(10.0)
 TILTED: Final = from_deg(15.0)
-# By so much a board is turned otherwise than in another picture, rad, or else it tells nothing new.
-OTHERWISE: Final = from_deg(10.0)
 # As usual for calibrations: fewer leave the distortion to chance.
 ENOUGH: Final = 12
 _SIDES: Final = ("left", "right", "top", "bottom")
@@ -99,7 +97,9 @@ class BoardCoverage(Displayable):
         if not np.isfinite(view.tilt).all():
             return False
         away = np.linalg.norm(self.tilts - view.tilt, axis=1)
-        return not len(away) or bool(away.min() > OTHERWISE)
+        # By so much a board is turned otherwise than in another picture, rad, or else it tells
+        # nothing new.
+        return not len(away) or bool(away.min() > from_deg(10.0))
 
     @property
     def missing_tilts(self) -> tuple[str, ...]:

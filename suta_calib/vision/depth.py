@@ -34,14 +34,8 @@ from suta_calib.words import listed
 SUFFIXES: Final = frozenset({".png", ".tif", ".tiff", ".pgm", ".npy"})
 # Words of a file's name that tell a picture from its depth, not one picture from another.
 _SORT: Final = re.compile(r"aligned|colou?r|rgb|depth|image|img|raw")
-# Part of the way to the next corner that counts as about a corner: a square is flat, and farther
-# off the paper may end.
-_ABOUT: Final = 0.4
 # Radius of what is about a corner, pixels of depth: fewer tell no plane, more only take time.
 _RADII: Final = (2, 12)
-# Part of the pixels about a corner that must have a depth, and of these on each side of it.
-_THERE: Final = 0.5
-_EACH_SIDE: Final = 0.15
 # RMS against the board, part of its distance, that no depth camera errs by.
 _MISFIT: Final = 0.02
 
@@ -245,7 +239,9 @@ def corners_in_depth(
     points, reasons = np.full((count, 3), np.nan), [""] * count
     # Where a pixel's centre is in the copy.
     at = (pixels + 0.5) * scale - 0.5
-    radius = int(np.clip(_ABOUT * scale * _spacing(pixels), *_RADII))
+    # Part of the way to the next corner that counts as about a corner: a square is flat, and
+    # farther off the paper may end.
+    radius = int(np.clip(0.4 * scale * _spacing(pixels), *_RADII))
     side = np.arange(-radius, radius + 1)
     window = np.stack(np.meshgrid(side, side), axis=-1).reshape(-1, 2)
     window = window[np.sum(window**2, axis=1) <= (radius + 0.5) ** 2]
@@ -257,7 +253,8 @@ def corners_in_depth(
     rays = camera.undistort((grid + 0.5) / scale - 0.5)
     corner_rays = camera.undistort(pixels)
     for k in range(count):
-        if there[k].mean() < _THERE:
+        # Of the pixels about a corner, the part that must have a depth.
+        if there[k].mean() < 0.5:
             reasons[k] = "most pixels about them have no depth"
             continue
         rows = there[k] & np.isfinite(rays[k]).all(axis=1)
@@ -305,7 +302,8 @@ def _plane_at_zero(about: FloatArray, inverse: FloatArray) -> tuple[float, BoolA
 def _surrounded(about: FloatArray) -> bool:
     """Whether points (n, 2) are on all sides of the origin: beside them a plane is a guess."""
     sides = [np.mean(sign * about[:, axis] >= 0) for axis in (0, 1) for sign in (-1, 1)]
-    return bool(len(about) >= 9 and min(sides) > _EACH_SIDE)
+    # Of those on each side of it, the part that must have a depth.
+    return bool(len(about) >= 9 and min(sides) > 0.15)
 
 
 def _pairs(points: SeenPoints, board: Board) -> dict[str, tuple[FloatArray, FloatArray]]:

@@ -18,8 +18,6 @@ from suta_calib.measurements.seen_points import SeenPoints
 from suta_calib.vision.clouds import POINT_FILES, CloudReader, dropped_words, searched
 from suta_calib.words import listed
 
-# Points of a rival, of those of the plane, from which on either may be the one that is meant.
-_RIVAL: Final = 0.5
 _MOST_TOLD: Final = 3
 
 
@@ -116,7 +114,8 @@ def _notes(results: Sequence[CloudWithPlane]) -> list[str]:
     notes = list[str]()
     if lost := [each.image for each in results if each.plane is None]:
         notes.append(f"{len(lost)} clouds have no plane: {listed(lost, _MOST_TOLD)}.")
-    rivals = [e.image for e in results if e.plane is not None and e.plane.rival > _RIVAL]
+    # Points of a rival, of those of the plane, from which on either may be the one that is meant.
+    rivals = [e.image for e in results if e.plane is not None and e.plane.rival > 0.5]
     if rivals:
         notes.append(
             f"In {len(rivals)} clouds ({listed(rivals, _MOST_TOLD)}) another plane is nearly as "

@@ -18,8 +18,6 @@ from suta_calib.errors import DeviceSilentError, DisconnectedError
 from suta_calib.optional_packages import load
 
 EXTRA: Final = "servo"
-# So long one may be silent before it is gone, s: a packet is lost now and then.
-_SILENT_S: Final = 1.0
 
 
 class ServoPort(Port):
@@ -72,7 +70,8 @@ class ServoPort(Port):
         for number in self._numbers:
             answer = self._position(number)
             if isinstance(answer, str):
-                if time.perf_counter() - self._heard[number] > _SILENT_S:
+                # So long one may be silent before it is gone, s: a packet is lost now and then.
+                if time.perf_counter() - self._heard[number] > 1.0:
                     raise DisconnectedError(
                         f"{self._spec.port}: servo {number} does not answer any more ({answer}); "
                         "check its cable and its power supply"
