@@ -221,16 +221,56 @@ def refuse_exchanged(
     moved = _swapped(together, what, a, b)
     if agree and better and min(int(moved[:row].sum()), int(moved[row:].sum())) >= few:
         names = sight.eyes if what == "eye" else sight.targets
-        row = row if numbers is None else int(numbers[row])
+        right, wrong = _change(A, B, (together, read), again, (what, a, b))
+        exact = int(np.sum(moved[right + 1 : wrong])) == 0
+        right, wrong = (k if numbers is None else int(numbers[k]) for k in (right, wrong))
+        since = f"from row {wrong} on" if exact else f"from a row between {right} and {wrong} on"
         raise SamplesError(
-            f"rows that agree only if {what}s {names[a]} and {names[b]} are exchanged from row "
-            f"{row} on (rows from 0): {int(start.inliers.sum())} of {count} rows agree within "
+            f"rows that agree only if {what}s {names[a]} and {names[b]} are exchanged {since} "
+            f"(rows from 0): {int(start.inliers.sum())} of {count} rows agree within "
             f"{deg(start.sigmas[1]):.2f}° per axis as they are, and {int(again.inliers.sum())} "
             f"within {deg(again.sigmas[1]):.2f}° then",
             f"labels that mean the same {what} in all rows",
-            hint=f"exchange the labels {names[a]} and {names[b]} from row {row} on, or before it, "
+            hint=f"exchange the labels {names[a]} and {names[b]} {since}, or before it, "
             "and find out when cables, ports or names were exchanged",
         )
+
+
+def _change(
+    A: Poses,
+    B: Poses,
+    labels: tuple[SeenTogether, SeenTogether],
+    again: Consensus,
+    exchanged: tuple[Role, int, int],
+) -> tuple[int, int]:
+    """The last row before an exchange and the first row after it that leave no doubt.
+
+    Args:
+        A: poses of the hand, or their inverses.
+        B: of the targets that the eyes saw.
+        labels: as they were given, and as they are read once they are exchanged.
+        again: what agrees then: X and Z of those rows tell of every row which label fits.
+        exchanged: the role, and the two whose labels were exchanged.
+    """
+    given, read = labels
+    count = len(A[1])
+    X, Z = poses_by(A, B, read, again.inliers)
+    sizes = [np.linalg.norm(e, axis=1) for e in loop_errors(A, B, X, Z, read)]
+    units = [max(float(np.median(size[again.inliers])), 1e-9) for size in sizes]
+    other = _exchanged(given, *exchanged, np.arange(count))
+    own, swapped = (_squared(loop_errors(A, B, X, Z, by), units) for by in (given, other))
+    # Twice the logarithm of the likelihood of a change before each row, but for a constant, in
+    # units of the median error of a row.
+    likely = np.cumsum([0.0, *(swapped - own)])
+    likely = likely[:-1]
+    may_be = np.flatnonzero(_swapped(given, *exchanged))
+    # A change is ruled out that is e⁷ times less likely than the likeliest, about one in a
+    # thousand: the median of three normal errors is 1.54 standard deviations.
+    doubt = 2.0 * 7.0 / 1.54**2
+    likely = likely[may_be]
+    possible = np.flatnonzero(likely > likely.max() - doubt)
+    first, last = int(possible[0]), int(possible[-1])
+    return int(may_be[max(first - 1, 0)]), int(may_be[last])
 
 
 def _swapped(together: SeenTogether, role: str, a: int, b: int) -> BoolArray:

@@ -23,6 +23,7 @@ from suta_calib.errors import SamplesError
 from suta_calib.geometry.numbers import homogeneous, rms_length, skew, vector_from_rotation
 from suta_calib.measurements import Camera
 from suta_calib.pose_calibration.consensus import FALSE_ALARM
+from suta_calib.pose_calibration.exchanged_files import refuse_exchanged_files
 from suta_calib.pose_calibration.eye_poses import ENOUGH, PoseBetween, relative_pose
 from suta_calib.pose_calibration.inputs import error_context
 from suta_calib.pose_calibration.pictures import Intrinsics, View
@@ -178,6 +179,7 @@ def rig_from_pictures(
     pictures = [
         BoardPictures(board, camera, table) for camera, table in zip(cameras, tables, strict=True)
     ]
+    refuse_exchanged_files([view.label for view in views], pictures)
     for view, one in zip(views, pictures, strict=True):
         with error_context(view.corners.path):
             check_files(replace(one, pixels=one.pixels[np.isfinite(one.pixels).any(axis=(1, 2))]))
