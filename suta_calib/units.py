@@ -150,6 +150,29 @@ def text(
     return f"{number} {unit_name(unit)}".rstrip() if with_unit else number
 
 
+def std_text(std: float | None, unit: Unit, *, with_unit: bool = True) -> str:
+    """A standard deviation, SI, to two significant digits, in mm or degrees: ``0.020 deg``."""
+    return text(std, unit, with_unit=with_unit, decimals=_decimals_of(std, unit))
+
+
+def with_std(value: float, std: float, unit: Unit, *, sign: bool = False) -> str:
+    """A value with its standard deviation, SI, both to the digits that mean something.
+
+    The last digit of the value is that of the standard deviation: ``1.250 ± 0.020 deg``.
+    """
+    number = text(value, unit, sign=sign, decimals=_decimals_of(std, unit))
+    return f"{number} ± {std_text(std, unit)}"
+
+
+def _decimals_of(std: float | None, unit: Unit) -> int | None:
+    """Of a number whose standard deviation is shown to two digits; None where that tells none."""
+    if std is None or not math.isfinite(std) or not std > 0.0:
+        return None
+    # Rounded to two digits first: 0.0996 is 0.10. Smaller than a picometre is nothing.
+    exponent = int(f"{shown(std, unit):.1e}".partition("e")[2])
+    return min(max(1 - exponent, 0), 9)
+
+
 def percent(before: float, after: float) -> str:
     """How much smaller ``after`` is than ``before``."""
     if not (math.isfinite(before) and math.isfinite(after)) or before <= 0:

@@ -37,7 +37,7 @@ from suta_calib.trust.evidence import Effect, Evidence, weigh_effects
 from suta_calib.trust.examination import Examination
 from suta_calib.trust.held_out import sort_of
 from suta_calib.trust.linear_fit import LinearFit
-from suta_calib.units import Unit, text
+from suta_calib.units import Unit, text, with_std
 from suta_calib.words import enumerated, listed
 
 FALSE_ALARM: Final = 0.01
@@ -75,7 +75,7 @@ class FoundChange(Displayable):
     @property
     def amount(self) -> str:
         """``1.02 ± 0.08 mm and 0.10 ± 0.03°``."""
-        return enumerated([_with_std(*amount, unit) for unit, amount in self.amounts.items()])
+        return enumerated([with_std(*amount, unit) for unit, amount in self.amounts.items()])
 
     @property
     def sentence(self) -> str:
@@ -193,10 +193,6 @@ class Check(Displayable):
 def said(what: str) -> str:
     """What changed as a sentence calls it: of a joint it is the zero."""
     return what.replace("joint ", "zero of ", 1) if what.startswith("joint ") else what
-
-
-def _with_std(amount: float, std: float, unit: Unit) -> str:
-    return f"{text(amount, unit)} ± {text(std, unit, with_unit=True)}"
 
 
 @dataclass(frozen=True, eq=False)

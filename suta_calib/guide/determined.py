@@ -17,7 +17,7 @@ from suta_calib.arrays import FloatArray
 from suta_calib.geometry.numbers import rpy_from_rotation
 from suta_calib.job.calibration import CalibrationJob
 from suta_calib.job.standing_elsewhere import job_so_far
-from suta_calib.units import Unit, deg, from_mm, mm, text
+from suta_calib.units import Unit, deg, from_mm, mm, std_text
 
 Answer = TypeVar("Answer")
 
@@ -42,7 +42,7 @@ class Determined:
     @property
     def words(self) -> str:
         """Its uncertainty with its unit."""
-        return f"± {text(self.std, self.unit, with_unit=True)}"
+        return f"± {std_text(self.std, self.unit)}"
 
 
 @dataclass(frozen=True, eq=False)

@@ -39,7 +39,7 @@ from suta_calib.measurements.files import expand
 from suta_calib.optional_packages import require
 from suta_calib.simulation import PoseSpec
 from suta_calib.terms import KINDS
-from suta_calib.units import mm, shown, text, unit_name
+from suta_calib.units import mm, std_text
 from suta_calib.view.measuring import Mark, MarkStatus, MeasuredArm
 
 _MEASURING: Final = (
@@ -466,13 +466,13 @@ def _so_far(found: SoFar) -> dict[str, Any]:
         "parameters": [
             {
                 "name": parameter.name,
-                "text": f"± {shown(parameter.std, parameter.unit):.2g} {unit_name(parameter.unit)}",
+                "text": f"± {std_text(parameter.std, parameter.unit)}",
                 "share": round(parameter.share, 3),
             }
             for parameter in found.parameters
         ],
-        "tip": f"± {text(found.tip, 'm', decimals=1)} mm",
-        "worst": f"± {text(found.worst, 'm', decimals=1)} mm at x {x}, y {y}, z {z} mm",
+        "tip": f"± {std_text(found.tip, 'm')}",
+        "worst": f"± {std_text(found.worst, 'm')} at x {x}, y {y}, z {z} mm",
         "samples": found.samples,
     }
 

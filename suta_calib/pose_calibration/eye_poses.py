@@ -12,7 +12,7 @@ from suta_calib.assessment import Level
 from suta_calib.geometry.numbers import rpy_from_rotation, skew
 from suta_calib.pose_calibration.robust_answer import exchanged
 from suta_calib.terms.hand_eye_start import EYE_IN_HAND, EYE_TO_HAND, EyeSetup
-from suta_calib.units import deg, from_deg, mm, text
+from suta_calib.units import deg, from_deg, mm, std_text
 
 Model = Literal["AX=XB", "AX=ZB"]
 Unknown = Literal["X", "Z"]
@@ -45,14 +45,13 @@ class PoseAccuracy:
         # Beyond these more poses are asked for.
         if displaced <= 2e-3 and turned <= from_deg(0.5):
             return ""
-        size = f"± {mm(displaced):.1f} mm and ± {deg(turned):.2f}°"
-        return f"{what} is known to {size} only (one standard deviation)"
+        return f"{what} is known to {self.within} only (one standard deviation)"
 
     @property
     def within(self) -> str:
         """Its standard deviations."""
         displaced, turned = self.displaced_turned
-        return f"± {text(displaced, 'm', with_unit=True)} and ± {deg(turned):.3f}°"
+        return f"± {std_text(displaced, 'm')} and ± {std_text(turned, 'rad')}"
 
     @property
     def displaced_turned(self) -> tuple[float, float]:

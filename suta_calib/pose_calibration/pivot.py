@@ -33,7 +33,7 @@ from suta_calib.terms.poses import MeasuredPoses
 from suta_calib.trust.hypotheses.bent_tip import EVENLY, BentTip, displacement
 from suta_calib.trust.hypothesis import Finding, weigh
 from suta_calib.trust.rule import Rule
-from suta_calib.units import deg, from_deg, mm, text
+from suta_calib.units import deg, from_deg, mm, std_text, text
 
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
@@ -109,8 +109,8 @@ class PivotCalibration(Displayable, RobustAnswer):
         most = 0.5e-3
         if unsure > most and (self.bent or unsure**2 - self.by_bending**2 > most**2):
             caution.append(
-                f"The tip is known to ± {mm(unsure):.2f} mm only (one standard deviation, 3-D). "
-                "Turn the tool farther, or add poses."
+                f"The tip is known to ± {std_text(unsure, 'm')} only (one standard deviation, "
+                "3-D). Turn the tool farther, or add poses."
             )
         bad = self.objections("poses", self.inliers)
         long, away = float(np.linalg.norm(self.tip)), float(np.linalg.norm(self.post))
@@ -132,8 +132,7 @@ class PivotCalibration(Displayable, RobustAnswer):
             )
         # No tracker sees a tool from millimetres or from tens of metres.
         bad += self.notes
-        known_to = text(unsure, "m", with_unit=True)
-        statement = f"the tip is known to ± {known_to} (one standard deviation, 3-D)"
+        statement = f"the tip is known to ± {std_text(unsure, 'm')} (one standard deviation, 3-D)"
         return Assessment.of(
             "" if bad else f"{statement}; {self.agreed('poses')}",
             bad=bad,

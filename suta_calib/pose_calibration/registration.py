@@ -39,7 +39,7 @@ from suta_calib.trust.hypotheses.scaled_points import ScaledPoints
 from suta_calib.trust.hypotheses.strained_points import StrainedPoints
 from suta_calib.trust.hypothesis import weigh
 from suta_calib.trust.rule import Rule
-from suta_calib.units import deg, from_deg, mm, text
+from suta_calib.units import from_deg, mm, std_text, text
 
 DEFORMED: Final = (ScaledPoints.name, StrainedPoints.name)
 
@@ -243,12 +243,13 @@ class Registration(Displayable, RobustAnswer):
         # Standard deviations that are reported.
         if unsure > 1e-3 or turned > from_deg(1.0):
             caution.append(
-                f"The middle of the points is known to ± {mm(unsure):.2f} mm only, and the turn to "
-                f"± {deg(turned):.2f}° (one standard deviation). Use more points, farther apart."
+                f"The middle of the points is known to ± {std_text(unsure, 'm')} only, and the "
+                f"turn to ± {std_text(turned, 'rad')} (one standard deviation). Use more points, "
+                "farther apart."
             )
         statement = (
-            f"the middle of the points is known to ± {text(unsure, 'm', with_unit=True)} and the "
-            f"turn to ± {deg(turned):.3f}° (one standard deviation, 3-D)"
+            f"the middle of the points is known to ± {std_text(unsure, 'm')} and the "
+            f"turn to ± {std_text(turned, 'rad')} (one standard deviation, 3-D)"
         )
         counted = "" if self.repeats is None else self.repeats.counted
         return Assessment.of(

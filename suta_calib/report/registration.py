@@ -23,7 +23,7 @@ from suta_calib.report.poses import (
     pose_table,
     residuals_file,
 )
-from suta_calib.units import text
+from suta_calib.units import std_text, text
 
 NAME: Final = "register"
 REGISTRATION: Final = Listing[Registration](
@@ -91,7 +91,7 @@ def register_document(
     centre = float(np.sqrt(np.trace(registration.covariance[:3, :3])))
     fit = (
         f"rms {text(registration.rms, 'm', with_unit=True)} (3-D, fiducial registration error); "
-        f"in the middle of the points ± {text(centre, 'm', with_unit=True)} (3-D)"
+        f"in the middle of the points ± {std_text(centre, 'm')} (3-D)"
     )
     if registration.stated is not None and registration.agreement is not None:
         fit += (

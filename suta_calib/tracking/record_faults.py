@@ -27,7 +27,7 @@ from suta_calib.tracking.errors_in_time import (
 )
 from suta_calib.tracking.shifts_in_time import ShiftsInTime
 from suta_calib.tracking.trajectory import Trajectory
-from suta_calib.units import Unit, mm, ms, text
+from suta_calib.units import Unit, mm, ms, with_std
 
 
 @dataclass(frozen=True)
@@ -102,7 +102,7 @@ class RecordFault:
                 f"{self.since:.3f} s). Leave {('them' if many else 'it')} out."
             )
         if self.kind == "jump":
-            by = f"{text(self.size, 'm')} ± {text(self.std, 'm', with_unit=True)}"
+            by = with_std(self.size, self.std, "m")
             where = from_there if self.to_the_end else stretch[0].upper() + stretch[1:]
             return (
                 f"{where} the recording is shifted by {by} against the reference. Check whether "

@@ -26,7 +26,7 @@ from suta_calib.trust.evidence import Effect, Evidence, Stretches, length_of
 from suta_calib.trust.examination import Examination, by_motion, samples_of
 from suta_calib.trust.hypothesis import AddedVariable, SpoiltData, Truth
 from suta_calib.trust.simulated_faults import arm_of, chains_of, displaced
-from suta_calib.units import Unit, text
+from suta_calib.units import Unit, with_std
 
 # A turn that is plausible, rad.
 TURN: Final = 0.01
@@ -100,10 +100,10 @@ class ChangeInTime:
     @property
     def amount(self) -> str:
         """Its size with ±, and its turn. A size that is hardly more than its ± says nothing."""
-        by = _with_std(self.size, self.std, self.hypothesis.unit)
+        by = with_std(self.size, self.std, self.hypothesis.unit)
         if math.isnan(self.turn):
             return by
-        turned = _with_std(self.turn, self.turn_std, "rad")
+        turned = with_std(self.turn, self.turn_std, "rad")
         return f"{by} and {turned}" if self.size > SAID_FROM * self.std else turned
 
     @property
@@ -355,10 +355,6 @@ class TipInTime(FrameInTime):
     def axes(self, rotation: FloatArray) -> FloatArray:
         """Those of the tip."""
         return rotation
-
-
-def _with_std(size: float, std: float, unit: Unit) -> str:
-    return f"{text(size, unit)} ± {text(std, unit, with_unit=True)}"
 
 
 def later_half(term: Term) -> BoolArray:

@@ -262,6 +262,10 @@ def _prospects(
     problem: Problem, covariance: FloatArray, identification: Identification, estimated: IntArray
 ) -> dict[str, Prospect]:
     std = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    # As of an estimate: nobody knows less than before the data.
+    std = np.fmin(
+        std, [np.inf if p.prior is None else p.prior for p in problem.parameters.values()]
+    )
     will_be = set(estimated.tolist())
     prospects = {}
     for k, p in enumerate(problem.parameters.values()):

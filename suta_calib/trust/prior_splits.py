@@ -27,7 +27,7 @@ from suta_calib.model.robot import AnyArm
 from suta_calib.solver.problem import Problem
 from suta_calib.solver.solution import INFORMED
 from suta_calib.trust.rich_data import RichData
-from suta_calib.units import Unit, text, unit_name
+from suta_calib.units import Unit, std_text, text, unit_name
 from suta_calib.words import combination, enumerated
 
 # Of a zero, the part that must be in untold directions, and in told ones, to be in a combination.
@@ -68,8 +68,8 @@ class PriorSplit(Displayable):
             what = f"the sum of {enumerated(self.names)}"
         else:
             what = f"the combination {combination(self.told)}"
-        least, most = (text(f(self.stds), self.unit, decimals=1) for f in (min, max))
-        size = f"±{most}" if least == most else f"±{least} to {most}"
+        least, most = (std_text(f(self.stds), self.unit, with_unit=False) for f in (min, max))
+        size = f"± {most}" if least == most else f"± {least} to {most}"
         size += f" {unit_name(self.unit)}"
         tip = text(self.tip, "m", with_unit=True)
         several = len(self.links) > 1

@@ -27,6 +27,8 @@ from pose_scenes import (
 )
 from scipy.spatial.transform import Rotation
 
+from suta_calib.units import std_text
+
 
 # ── pivot ────────────────────────────────────────────────────────────────────────────────────
 def test_pivot_finds_tip_post_and_outliers(pivot_file: Path) -> None:
@@ -40,7 +42,7 @@ def test_pivot_finds_tip_post_and_outliers(pivot_file: Path) -> None:
     assert found["counts"] == {"rows": 40, "inliers": 38, "outliers": 2}
     unsure = np.linalg.norm(found["tip_std_mm"])
     sentence = (
-        f"the tip is known to ± {unsure:.3f} mm (one standard deviation, 3-D); "
+        f"the tip is known to ± {std_text(1e-3 * unsure, 'm')} (one standard deviation, 3-D); "
         f"38 of 40 poses agree to {found['rms_mm']:.3f} mm RMS"
     )
     (relied_on,) = found["verdict"].pop("notes")

@@ -97,7 +97,7 @@ def test_zeros_that_only_priors_split_are_named_with_what_to_do() -> None:
     assert result.assessment.level == "care"
     said = " ".join(result.assessment.notes)
     assert "tell only the sum of j2.offset, j3.offset and j4.offset" in said
-    assert "comes from its prior (±2.4 deg)" in said
+    assert "comes from its prior (± 2.4 deg)" in said
     assert "links l2 and l3 too: for each, add a row of kind gravity with its name" in said
     # What is not split is not said, whatever its prior.
     crossed = ArmModel.from_urdf(urdf(AXES["crossed"]), tip="tip")
@@ -107,6 +107,20 @@ def test_zeros_that_only_priors_split_are_named_with_what_to_do() -> None:
     assert told.examined.prior_splits == ()
     assert observe(told.solution.problem).splits == ()
     assert observe(result.solution.problem).assessment.level == "care"
+
+
+def test_no_predicted_std_is_larger_than_its_prior() -> None:
+    """Readings of one rest repeat its error: they are believed too much, but nobody forgets."""
+    arm = ArmModel.from_urdf(urdf(AXES["parallel"]), tip="tip")
+    free = Selection(("*.offset",), prior_rad=math.radians(0.02), fixed=True)
+    q, _, up = felt(arm, np.random.default_rng(0), 3)
+    again = np.repeat(np.arange(3), 200)
+    readings = {axis: g[again] for axis, g in up.items()}
+    term = Gravity.from_arrays(arm, q[again], sensor=SensorMount(np.eye(3)), **readings)
+    look = observe(calibrate(arm, [term], free=free).solution.problem)
+    stds = [p.std for p in look.prospects.values() if p.prior is not None and p.std is not None]
+    assert len(stds) == 5
+    assert max(stds) <= math.radians(0.02)
 
 
 def job(folder: Path, rows: str, arm: str = "{urdf: arm.urdf, tip: tip}") -> Path:

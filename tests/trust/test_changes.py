@@ -373,6 +373,6 @@ def test_a_size_that_is_hardly_more_than_its_std_is_no_finding() -> None:
     assert not unsure.sized
     turned = replace(unsure, turn=math.radians(2.0), turn_std=math.radians(0.1))
     assert turned.sized
-    assert "moved by 2.0000 ± 0.1000 deg at row 9" in turned.sentence
+    assert "moved by 2.00 ± 0.10 deg at row 9" in turned.sentence
     both = replace(turned, std=1e-4)
-    assert "moved by 3.900 ± 0.100 mm and 2.0000 ± 0.1000 deg at row 9" in both.sentence
+    assert "moved by 3.90 ± 0.10 mm and 2.00 ± 0.10 deg at row 9" in both.sentence

@@ -9,7 +9,7 @@ from suta_calib.arrays import FloatArray
 from suta_calib.terms.fixed_point import FixedPoint
 from suta_calib.terms.poses import MeasuredPoses
 from suta_calib.trust import AddedVariable, Effect, Evidence, Examination, SpoiltData, Truth
-from suta_calib.units import deg, text
+from suta_calib.units import deg, with_std
 
 EVENLY: Final = "evenly"
 TO_ONE_SIDE: Final = "to one side"
@@ -52,8 +52,8 @@ class BentTip(AddedVariable):
         size, std = displacement(evidence)
         way = {EVENLY: "the same to all sides", TO_ONE_SIDE: "more to one side"}
         return (
-            f"The farther the tool tilts, the larger the error of the tip: {text(size, 'm')} ± "
-            f"{text(std, 'm', with_unit=True)} at {deg(tilt):.0f}°, {way[evidence.effect.name]}. "
+            f"The farther the tool tilts, the larger the error of the tip: "
+            f"{with_std(size, std, 'm')} at {deg(tilt):.0f}°, {way[evidence.effect.name]}. "
             "Check whether the tool bends, whether a ball rolls or slips in its seat, and whether "
             "the tracker's rotations are wrong. The estimated tip absorbs a part of this error, "
             "and ± includes it."

@@ -28,7 +28,7 @@ from suta_calib.trust import (
 )
 from suta_calib.trust.examination import STEP
 from suta_calib.trust.simulated_faults import with_columns
-from suta_calib.units import mm, text
+from suta_calib.units import mm, text, with_std
 
 SCALE, OFFSET = "scale", "offset"
 
@@ -90,7 +90,7 @@ class DepthCamera(AddedVariable):
         size, std = float(evidence.size[0]), float(evidence.std[0])
         long = "long" if size > 0 else "short"
         if evidence.effect.name == OFFSET:
-            by = f"{text(abs(size), 'm')} ± {text(std, 'm', with_unit=True)}"
+            by = with_std(abs(size), std, "m")
             much, remedy = by, f"add {mm(-size):.2f} mm to every depth along its ray"
             return (
                 f"All depths of the depth camera{camera.name} seem to be {much} too {long}, at "

@@ -18,7 +18,7 @@ from suta_calib.trust import (
     weigh_effects,
 )
 from suta_calib.trust.simulated_faults import with_columns
-from suta_calib.units import text
+from suta_calib.units import with_std
 
 
 class ExchangedMarks(AddedVariable):
@@ -56,7 +56,7 @@ class ExchangedMarks(AddedVariable):
         distance, std = evidence.length()
         return (
             f"The labels of targets {a} and {b} seem to be exchanged from {since[evidence.window]} "
-            f"on: from there {a} is {text(distance, 'm')} ± {text(std, 'm', with_unit=True)} away "
+            f"on: from there {a} is {with_std(distance, std, 'm')} away "
             f"from its place, and {b} is as far away in the opposite direction. Exchange the two "
             "labels from this row on."
         )

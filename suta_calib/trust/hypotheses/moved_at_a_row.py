@@ -26,7 +26,7 @@ from suta_calib.trust import (
 )
 from suta_calib.trust.serial_correlation import correlation_length
 from suta_calib.trust.simulated_faults import random_shift, seen_elsewhere
-from suta_calib.units import deg, text
+from suta_calib.units import with_std
 
 # Rows before and after a step, and rows (evenly spaced ones) at which it is tried.
 FEWEST: Final = 4
@@ -161,8 +161,8 @@ class Moved(AddedVariable):
         """What was moved, since when, by how much, and what to do."""
         change = evidence.effect.about
         (shift, std), *turn = sizes(evidence)
-        by = f"{text(shift, 'm')} ± {text(std, 'm', with_unit=True)}"
-        by += "".join(f" and {deg(angle):.2f} ± {deg(its):.2f}°" for angle, its in turn)
+        by = with_std(shift, std, "m")
+        by += "".join(f" and {with_std(angle, its, 'rad')}" for angle, its in turn)
         since = change.since(evidence)
         if since is None:
             return (

@@ -10,7 +10,7 @@ from suta_calib.model.arm import ArmModel
 from suta_calib.model.parameters import ROTATION
 from suta_calib.trust import AddedVariable, Effect, Evidence, Examination, SpoiltData, Truth
 from suta_calib.trust.simulated_faults import arm_of, displaced
-from suta_calib.units import from_deg, text
+from suta_calib.units import from_deg, text, with_std
 
 
 class Wobble(AddedVariable):
@@ -52,7 +52,7 @@ class Wobble(AddedVariable):
         at_tip = np.sqrt(np.mean(np.sum((velocity[:, :3] @ evidence.size) ** 2, axis=1)))
         return (
             f"The residuals look like an axis of {joint} that wobbles {often} a turn, by "
-            f"{text(size, 'rad')} ± {text(std, 'rad', with_unit=True)}. This moves the tip by "
+            f"{with_std(size, std, 'rad')}. This moves the tip by "
             f"{text(float(at_tip), 'm', with_unit=True)} (RMS) in these postures. No parameter "
             "describes it, and ± includes it only if there are validation data that show it. Check "
             "the bearing of this joint."
