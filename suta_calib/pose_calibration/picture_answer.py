@@ -8,11 +8,11 @@ from functools import cached_property
 from typing import Final
 
 import numpy as np
-from scipy.special import chdtri, stdtrit
+from scipy.special import chdtrc, stdtrit
 
 from suta_calib.arrays import BoolArray, FloatArray, IntArray
 from suta_calib.assessment import Assessment, Level, judged
-from suta_calib.geometry.numbers import rms_length
+from suta_calib.geometry.numbers import rms_length, vector_from_rotation
 from suta_calib.measurements import Camera
 from suta_calib.measurements.board import Markers
 from suta_calib.pose_calibration.consensus import FALSE_ALARM
@@ -36,13 +36,16 @@ from suta_calib.terms.board_pictures import MIRRORED, QUOTED, TURNED
 from suta_calib.terms.hand_eye_start import EYE_IN_HAND, EyeSetup
 from suta_calib.terms.intrinsics import CALIBRATED
 from suta_calib.terms.lens_choice import LensChoice
-from suta_calib.units import deg, mm
+from suta_calib.units import std_text
 from suta_calib.words import listed
 
 # Times what the camera alone leaves from where on it is the robot that leaves the rest.
 ROBOTS: Final = 2.0
 # Focal lengths and principal point among the intrinsics.
 PAIRS: Final = (slice(0, 2), slice(2, 4))
+# Chance of a contradiction below which an answer that follows held intrinsics must not be used:
+# hardly a sound one may be refused.
+SURE: Final = 1e-3
 COUNTED: Final = "Pixels are counted from 0 at the centre of the first one."
 
 
@@ -70,6 +73,9 @@ class CameraEstimate(EyePoses):
             they were held.
         by_pictures: as the pictures alone tell them, with covariance; where they were held, focal
             lengths and principal point beside the distortion of the file.
+        X_by_pictures: X with these.
+        chance_held: that pictures contradict intrinsics as much which are held at the file's, and
+            right.
         images: (n,) names of its pictures.
         rows: (n,) their rows in the file of poses.
         inliers: (n,) which were fitted.
@@ -103,6 +109,8 @@ class CameraEstimate(EyePoses):
     same_corners: bool
     if_held: HeldIntrinsics | None
     by_pictures: Camera
+    X_by_pictures: FloatArray
+    chance_held: float
     images: tuple[str, ...]
     rows: IntArray
     inliers: BoolArray
@@ -128,6 +136,13 @@ class CameraEstimate(EyePoses):
     def held(self) -> bool:
         """Whether the intrinsics were held at what the file says."""
         return self.camera.covariance is None
+
+    @property
+    def moved_by_intrinsics(self) -> tuple[float, float]:
+        """How far X would be from here with the intrinsics of the pictures, m and rad."""
+        shift = self.X_by_pictures[:3, 3] - self.X[:3, 3]
+        turn = vector_from_rotation(self.X[:3, :3].T @ self.X_by_pictures[:3, :3])
+        return float(np.linalg.norm(shift)), float(np.linalg.norm(turn))
 
     @property
     def board_scale(self) -> float:
@@ -219,7 +234,7 @@ class PictureCalibration:
                 facts.append(which + camera.lens_choice.sentence)
             objection, level = _against_the_file(camera)
             if objection:
-                (care if level == "care" else facts).append(which + objection)
+                {"bad": bad, "care": care, "good": facts}[level].append(which + objection)
             if level == "good" and (better := _better_if_held(camera)):
                 facts.append(which + better)
         sentence = "; ".join(
@@ -244,10 +259,10 @@ class PictureCalibration:
 
 
 def _against_the_file(camera: CameraEstimate) -> tuple[str, Level]:
-    """What the pictures say against the camera's file, and whether it calls for care.
+    """What the pictures say against the camera's file, and what an answer is worth for it.
 
-    Care is asked for where what is known of the file's own errors does not explain it either, and
-    wherever X follows the file.
+    Care is asked for where what is known of the file's own errors does not explain it either. Where
+    X follows such a file and is off by more than its ±, it must not be used.
     """
     by_pictures, given, stds = camera.by_pictures, camera.given, camera.by_pictures.stds
     assert by_pictures.covariance is not None
@@ -264,17 +279,24 @@ def _against_the_file(camera: CameraEstimate) -> tuple[str, Level]:
     unknown = np.zeros((len(given.intrinsics),) * 2)
     stated = unknown if given.covariance is None else given.covariance
     if camera.held:
-        off = [_significant(change[pair], by_pictures.covariance[pair, pair]) for pair in PAIRS]
+        if camera.chance_held > FALSE_ALARM:
+            return "", "good"
+        shift, turn = camera.moved_by_intrinsics
+        away = f"{std_text(shift, 'm')} and {std_text(turn, 'rad')}"
         changes = [
             f"{key} {given.values[key]:.2f} → {by_pictures.values[key]:.2f} ± {std:.2f}"
             for key, std in zip(("fx", "fy", "cx", "cy"), stds, strict=False)
         ]
         sentence = (
             f"The pictures contradict the fixed intrinsics ({', '.join(changes)} px). X follows "
-            "the camera's file, and its ± does not include this error. Let the pictures correct "
-            f"the intrinsics (--intrinsics free), or correct the file. {COUNTED}"
+            f"the camera's file. With the intrinsics of the pictures it moves by {away}. Let the "
+            "pictures correct the intrinsics (--intrinsics free), or correct the file. "
+            f"{COUNTED}"
         )
-        return (sentence, "care") if any(off) else ("", "good")
+        displaced, turned = camera.displaced_turned
+        # Its ± includes this motion: it is more than all the rest.
+        misled = 2.0 * shift**2 > displaced**2 or 2.0 * turn**2 > turned**2
+        return sentence, "bad" if misled and camera.chance_held < SURE else "care"
     prior = given.stds if given.stds is not None else CALIBRATED.stds(given)
     expected = stated if given.covariance is not None else np.diag(prior**2)
     for pair in PAIRS:
@@ -301,16 +323,29 @@ def _better_if_held(camera: CameraEstimate) -> str:
     if shift < 1.2 * held_shift and turn < 1.2 * held_turn:
         return ""
     return (
-        f"With --intrinsics fixed, X would be known to ± {mm(held_shift):.2f} mm and ± "
-        f"{deg(held_turn):.3f}° instead of ± {mm(shift):.2f} mm and ± {deg(turn):.3f}°, if the ± "
+        f"With --intrinsics fixed, X would be known to ± {std_text(held_shift, 'm')} and ± "
+        f"{std_text(held_turn, 'rad')} instead of {camera.within}, if the ± "
         "of the intrinsics in the camera's file is right (it is included)."
     )
 
 
+def chance_of_held(given: Camera, by_pictures: Camera) -> float:
+    """Of pictures that contradict held intrinsics as much as these, if the file is right."""
+    assert by_pictures.covariance is not None
+    spread = by_pictures.covariance + (0.0 if given.covariance is None else given.covariance)
+    change = by_pictures.intrinsics - given.intrinsics
+    # Of two tests the one that says more.
+    return len(PAIRS) * min(_chance(change[pair], spread[pair, pair]) for pair in PAIRS)
+
+
+def _chance(change: FloatArray, covariance: FloatArray) -> float:
+    """Of so large a change, if nothing changed."""
+    return float(chdtrc(len(change), float(change @ np.linalg.solve(covariance, change))))
+
+
 def _significant(change: FloatArray, covariance: FloatArray) -> bool:
     """Whether chance does not explain a change."""
-    squared = float(change @ np.linalg.solve(covariance, change))
-    return squared > float(chdtri(len(change), FALSE_ALARM))
+    return _chance(change, covariance) < FALSE_ALARM
 
 
 def _contradiction(camera: CameraEstimate, given: Camera) -> str:

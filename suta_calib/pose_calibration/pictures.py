@@ -28,6 +28,7 @@ from suta_calib.measurements.pose_files import HandPoses
 from suta_calib.model.parameters import PLACEMENT
 from suta_calib.pose_calibration.consensus import FALSE_ALARM
 from suta_calib.pose_calibration.correlation import DIRECTIONS, NOWHERE, embedded, shared_errors
+from suta_calib.pose_calibration.exchanged_files import refuse_exchanged_files
 from suta_calib.pose_calibration.eye_poses import Model, PoseBetween, relative_pose
 from suta_calib.pose_calibration.hand_eye import calibrate_hand_eye
 from suta_calib.pose_calibration.inputs import error_context
@@ -38,6 +39,7 @@ from suta_calib.pose_calibration.picture_answer import (
     CameraEstimate,
     HeldIntrinsics,
     PictureCalibration,
+    chance_of_held,
 )
 from suta_calib.pose_calibration.picture_causes import cause_of_disagreement, loose, usable_poses
 from suta_calib.pose_calibration.picture_noise import (
@@ -124,6 +126,8 @@ def hand_eye_from_pictures(
     views, terms, left_out = _enough(views, terms)
     terms = [term.beside(terms).at_its_distance() for term in terms]
     if len(terms) > 1:
+        filed = [k for k, view in enumerate(views) if view.camera is not None]
+        refuse_exchanged_files([views[k].label for k in filed], [terms[k].pictures for k in filed])
         with error_context(hand.path):
             _refuse_exchanged(terms, views, seed if robust else None)
     agreeing, refusals = list[BoolArray | UndeterminedError](), list[SamplesError]()
@@ -424,11 +428,24 @@ def _camera_estimate(
         covariance=freed.told_covariance[np.ix_(of, of)],
     )
     camera = replace(term.camera, covariance=None)
+    covariance = weighed.covariance[np.ix_(at, at)]
     if term.free:
         camera = replace(
             camera, intrinsics=freed.x[of].copy(), covariance=freed.covariance[np.ix_(of, of)]
         )
+    chance_held = 1.0
+    if not term.free and view.camera is not None:
+        chance_held = chance_of_held(view.camera, by_pictures)
+        at_freed = [freed.names.index(weighed.names[k]) for k in at]
+        # X follows the errors of the file, as large as it states them, or as the pictures show.
+        if view.camera.covariance is not None:
+            slope = _slope(freed.covariance, at_freed, of)
+            covariance = covariance + slope @ view.camera.covariance @ slope.T
+        if chance_held < FALSE_ALARM:
+            moved = freed.free_estimate[at_freed] - weighed.x[at]
+            covariance = covariance + np.outer(moved, moved)
     X, Z = pose_named(values, eye), pose_named(values, board)
+    by_pictures_alone = dict(zip(freed.names, freed.free_estimate.tolist(), strict=True))
     refined_board = term.board
     if isinstance(refined_board, SurveyedMarkers):
         refined_board = refined_board.at(term.sees_board, values)
@@ -453,12 +470,14 @@ def _camera_estimate(
         setup=term.setup,
         X=homogeneous(*X),
         Z=homogeneous(*Z),
-        covariance=jacobian @ weighed.covariance[np.ix_(at, at)] @ jacobian.T,
+        covariance=jacobian @ covariance @ jacobian.T,
         camera=camera,
         given=view.camera,
         same_corners=same_corners,
         if_held=None if same_corners else _if_held(view, weighed, at[:6], of),
         by_pictures=by_pictures,
+        chance_held=chance_held,
+        X_by_pictures=homogeneous(*pose_named(by_pictures_alone, eye)),
         images=tuple(images.tolist()),
         rows=rows,
         inliers=good,
@@ -488,11 +507,8 @@ def _if_held(
     if view.camera is None or view.camera.covariance is None or intrinsics[0] not in weighed.free:
         return None
     every = weighed.covariance
-    mixed, of_intrinsics = every[np.ix_(eye, intrinsics)], every[np.ix_(intrinsics, intrinsics)]
-    unit = np.sqrt(np.maximum(np.diag(of_intrinsics), 1e-300))
-    scale = np.outer(unit, unit)
-    slope = mixed @ (np.linalg.pinv(of_intrinsics / scale, 1e-9, True) / scale)
-    covariance = every[np.ix_(eye, eye)] - slope @ mixed.T
+    slope = _slope(every, eye, intrinsics)
+    covariance = every[np.ix_(eye, eye)] - slope @ every[np.ix_(intrinsics, eye)]
     covariance = covariance + slope @ view.camera.covariance @ slope.T
     x = weighed.x[eye] + slope @ (view.camera.intrinsics - weighed.x[intrinsics])
     jacobian = tangent_of_poses(x)
@@ -500,3 +516,12 @@ def _if_held(
         homogeneous(rotation_from_vector(x[3:]), x[:3]),
         np.sqrt(np.maximum(np.diag(jacobian @ covariance @ jacobian.T), 0.0)),
     )
+
+
+def _slope(covariance: FloatArray, of: Sequence[int], by: Sequence[int]) -> FloatArray:
+    """(k, n) regression of unknowns (k,) on others (n,), which no prior of these changes."""
+    others = covariance[np.ix_(by, by)]
+    unit = np.sqrt(np.maximum(np.diag(others), 1e-300))
+    scale = np.outer(unit, unit)
+    mixed = covariance[np.ix_(of, by)]
+    return np.asarray(mixed @ (np.linalg.pinv(others / scale, 1e-9, True) / scale))

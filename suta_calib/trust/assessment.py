@@ -75,6 +75,7 @@ def assess_calibration(examined: CalibrationExamination) -> Assessment:
         *([worse] if is_worse else []),
         *(sentence for sentence, is_bad in against if is_bad),
         *priors.bad,
+        *(belief.sentence for belief in beliefs if belief.bad),
         *(sentence for sentence, level in doubts.items() if level == "bad"),
     ]
     care = [
@@ -83,7 +84,7 @@ def assess_calibration(examined: CalibrationExamination) -> Assessment:
         *([] if accuracy.validation or accuracy.unjudged else [fitted_only]),
         *([] if cause else judge("rows", lambda: matches(solution, "rows"), failed)),
         *judge("the gain", lambda: _on_gain(accuracy, explained=foremost is not None), failed),
-        *(belief.sentence for belief in beliefs),
+        *(belief.sentence for belief in beliefs if not belief.bad),
         *judge("parameters", lambda: _on_parameters(examined), failed),
         *judge("zeros", lambda: [split.sentence for split in examined.prior_splits], failed),
         *judge("the scale", lambda: _on_guessed_scale(examined), failed),

@@ -49,10 +49,14 @@ from suta_calib.solver.options import SolverOptions
 from suta_calib.solver.problem import Problem
 from suta_calib.solver.solution import Solution
 from suta_calib.solver.solve import solve
-from suta_calib.units import text
+from suta_calib.units import text, with_std
 
-# Chance that right beliefs are contradicted.
+# Chance that right beliefs are contradicted; and below which an answer that follows them must not
+# be used, if it is off by more than its ±.
 LEVEL: Final = 0.01
+SURE: Final = 1e-3
+# So many of its standard deviations a parameter of many is off by chance.
+BEYOND: Final = 2.0
 # Rows of a cluster from which on its squares are summed by themselves.
 MANY_EACH: Final = 8
 
@@ -66,24 +70,37 @@ class ContradictedBelief:
         values: of them, SI and px, as the data have it.
         stds: of these.
         remedy: what to write for them to be estimated.
+        misled: the parameter of the result that they mislead most, and by how many of its ±; None
+            where none is off by more than that.
+        chance: of such data, were the fixed values right.
     """
 
     told: tuple[Parameter, ...]
     values: tuple[float, ...]
     stds: tuple[float, ...]
     remedy: str
+    misled: tuple[str, float] | None
+    chance: float
+
+    @property
+    def bad(self) -> bool:
+        """Whether the result must not be used for it."""
+        return self.misled is not None and self.chance < SURE
 
     @property
     def sentence(self) -> str:
         """The contradiction, and what to do."""
         changes = ", ".join(
-            f"{p.key} {text(p.nominal, p.unit)} → {text(value, p.unit)} ± "
-            f"{text(std, p.unit, with_unit=True)}"
+            f"{p.key} {text(p.nominal, p.unit)} → {with_std(value, std, p.unit)}"
             for p, value, std in zip(self.told, self.values, self.stds, strict=True)
         )
+        misled = ""
+        if self.misled is not None:
+            name, times = self.misled
+            misled = f": {name} is off by about {times:.1f} times its ±"
         return (
             f"The data contradict the fixed values of {self.told[0].owner} ({changes}). The result "
-            "follows the fixed values, and no ± includes this error. Estimate them "
+            f"follows the fixed values, and no ± includes this error{misled}. Estimate them "
             f"({self.remedy}); or estimate more of the arm, if the error may be in the arm."
         )
 
@@ -127,12 +144,26 @@ def contradicted_beliefs(solution: Solution) -> Iterator[ContradictedBelief]:
         # Fewer degrees of freedom only make a change likelier, and take long to count.
         if chdtrc(len(parameters), squared) >= LEVEL:
             continue
-        if chance_of(squared, len(parameters), freedom_of(again, np.array(at)[loose])) < LEVEL:
+        chance = chance_of(squared, len(parameters), freedom_of(again, np.array(at)[loose]))
+        if chance < LEVEL:
             values = [p.nominal + step for p, step in zip(parameters, change.tolist(), strict=True)]
             stds = np.sqrt(np.diag(covariance)).tolist()
             yield ContradictedBelief(
-                tuple(parameters), tuple(values), tuple(stds), believed[parameters[0].name][1]
+                *(tuple(parameters), tuple(values), tuple(stds), believed[parameters[0].name][1]),
+                _misled(solution, again),
+                chance,
             )
+
+
+def _misled(solution: Solution, again: Solution) -> tuple[str, float] | None:
+    """The parameter that another answer moves most, in its ±; None if none moves by more."""
+    moved = {
+        name: abs(other.value - estimate.value) / estimate.std
+        for name, estimate in solution.estimates.items()
+        if estimate.std and (other := again.estimates.get(name)) is not None and other.std
+    }
+    worst = max(moved, key=lambda name: moved[name], default="")
+    return (worst, moved[worst]) if worst and moved[worst] > BEYOND else None
 
 
 def chance_of(squared: float, count: int, freedom: float) -> float:

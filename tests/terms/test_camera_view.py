@@ -125,7 +125,8 @@ def test_held_intrinsics_that_the_pictures_contradict_are_named(
     file = CAMERA.replace("1000,", f"{focal},").replace("1002,", f"{focal + 2},")
     (folder / "held.yaml").write_text(file)
     (folder / "held_job.yaml").write_text(JOB.replace("camera.yaml", "held.yaml"))
-    found = answer("calibrate", folder / "held_job.yaml", "--out", folder / "held")
+    files = folder / "held_job.yaml", "--out", folder / "held"
+    found = answer("calibrate", *files, code=int(contradicted))
     notes = [note for note in found["verdict"]["notes"] if "contradict the fixed values" in note]
     assert len(notes) == contradicted
     assert all("of camera (fx 1015.000 → 100" in note for note in notes)
