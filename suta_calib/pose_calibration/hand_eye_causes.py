@@ -221,10 +221,8 @@ def refuse_exchanged(
     moved = _swapped(together, what, a, b)
     if agree and better and min(int(moved[:row].sum()), int(moved[row:].sum())) >= few:
         names = sight.eyes if what == "eye" else sight.targets
-        right, wrong = _change(A, B, (together, read), again, (what, a, b))
-        exact = int(np.sum(moved[right + 1 : wrong])) == 0
-        right, wrong = (k if numbers is None else int(numbers[k]) for k in (right, wrong))
-        since = f"from row {wrong} on" if exact else f"from a row between {right} and {wrong} on"
+        rows = np.arange(count) if numbers is None else numbers
+        since = _since(A, B, (together, read), again, (what, a, b), rows)
         raise SamplesError(
             f"rows that agree only if {what}s {names[a]} and {names[b]} are exchanged {since} "
             f"(rows from 0): {int(start.inliers.sum())} of {count} rows agree within "
@@ -236,14 +234,15 @@ def refuse_exchanged(
         )
 
 
-def _change(
+def _since(
     A: Poses,
     B: Poses,
     labels: tuple[SeenTogether, SeenTogether],
     again: Consensus,
     exchanged: tuple[Role, int, int],
-) -> tuple[int, int]:
-    """The last row before an exchange and the first row after it that leave no doubt.
+    numbers: IntArray,
+) -> str:
+    """From which row on labels are exchanged, or between which it happened, in words.
 
     Args:
         A: poses of the hand, or their inverses.
@@ -251,6 +250,7 @@ def _change(
         labels: as they were given, and as they are read once they are exchanged.
         again: what agrees then: X and Z of those rows tell of every row which label fits.
         exchanged: the role, and the two whose labels were exchanged.
+        numbers: (n,) of the rows in their file; those of one number are of one instant.
     """
     given, read = labels
     count = len(A[1])
@@ -261,16 +261,18 @@ def _change(
     own, swapped = (_squared(loop_errors(A, B, X, Z, by), units) for by in (given, other))
     # Twice the logarithm of the likelihood of a change before each row, but for a constant, in
     # units of the median error of a row.
-    likely = np.cumsum([0.0, *(swapped - own)])
-    likely = likely[:-1]
+    likely = np.cumsum([0.0, *(swapped - own)])[:-1]
     may_be = np.flatnonzero(_swapped(given, *exchanged))
+    may_be = may_be[np.unique(numbers[may_be], return_index=True)[1]]
     # A change is ruled out that is e⁷ times less likely than the likeliest, about one in a
     # thousand: the median of three normal errors is 1.54 standard deviations.
     doubt = 2.0 * 7.0 / 1.54**2
-    likely = likely[may_be]
+    likely, may_be = likely[may_be], numbers[may_be]
     possible = np.flatnonzero(likely > likely.max() - doubt)
     first, last = int(possible[0]), int(possible[-1])
-    return int(may_be[max(first - 1, 0)]), int(may_be[last])
+    if first == last:
+        return f"from row {may_be[last]} on"
+    return f"from a row between {may_be[max(first - 1, 0)]} and {may_be[last]} on"
 
 
 def _swapped(together: SeenTogether, role: str, a: int, b: int) -> BoolArray:

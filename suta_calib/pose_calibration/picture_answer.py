@@ -380,7 +380,8 @@ def _judged(camera: CameraEstimate, noise: PictureNoise) -> tuple[list[str], lis
             f"Only {fitted} pictures: the standard deviations are uncertain, and a wrong picture "
             "may stay unnoticed. Take a dozen or more."
         )
-    if unsure := camera.unsure():
+    # Where it follows wrong intrinsics, other pictures are no remedy.
+    if camera.chance_held > FALSE_ALARM and (unsure := camera.unsure()):
         remedy = "add pictures, turned by 30° or more about different axes, near and far."
         if noise.shared[0] > noise.position.value or noise.shared[1] > noise.rotation.value:
             remedy = (
