@@ -21,6 +21,7 @@ from simulated import arm_named
 from suta_calib_tilt.inclinometer import Inclinometer, _across
 
 from suta_calib import KINDS, Noise, ParameterSet, Problem, Samples, Selection, assess, solve
+from suta_calib.check import Checker
 from suta_calib.device import FORMATS, decoder_for
 from suta_calib.device.formats import Sample
 from suta_calib.errors import SamplesError
@@ -82,6 +83,19 @@ def test_its_kind_calibrates_from_python() -> None:
     assert gain is not None
     assert gain.unit == "rad"
     assert gain.after < 2 * NOISE < gain.before
+
+
+def test_its_hypothesis_is_checked_in_new_rows() -> None:
+    """By `checked_as`: a gain that came after the calibration is told from all else."""
+    checker = Checker(solve(Problem([tilts()], UNKNOWN)))
+    hypothesis, random = known_hypotheses()["inclinometer gain"], np.random.default_rng(0)
+    assert checker.check(tilts(12, seed=3)).unchanged
+    spoilt = hypothesis.spoil(tilts(12, seed=3), TRUTH | OWN, random)
+    (change, *_) = checker.check(spoilt.data).changed
+    gain, std = change.amounts["1"]
+    assert change.what == "inclinometer gain"
+    assert gain == pytest.approx(0.01, abs=4 * std)
+    assert std < 0.002
 
 
 def test_its_hypothesis_names_its_fault_and_is_silent_on_sound_data() -> None:

@@ -48,6 +48,7 @@ class Suspect(Displayable):
         units: of each of the k numbers.
         names: parameters of the new rows' problem that describe it; empty where none do.
         motion: (6, k) by how much it is moved, m, and turned, rad; None of what is no pose.
+        largest: (k,) how large it may be, where that is not as of its units.
     """
 
     what: str
@@ -55,11 +56,14 @@ class Suspect(Displayable):
     units: tuple[Unit, ...]
     names: tuple[str, ...] = ()
     motion: FloatArray | None = None
+    largest: FloatArray | None = None
 
     @property
     def effect(self) -> Effect:
         """To be tested."""
-        plausible = np.array([PLAUSIBLE.get(unit, 1.0) for unit in self.units])
+        plausible = self.largest
+        if plausible is None:
+            plausible = np.array([PLAUSIBLE.get(unit, 1.0) for unit in self.units])
         return Effect(self.what, self.columns, plausible, parameters=self.names, about=self)
 
     def amounts(
@@ -248,7 +252,7 @@ def _registered(rows: NewRows) -> Iterator[Suspect]:
         for effect in hypothesis.effects(rows):
             what = f"{hypothesis.checked_as} {effect.name}"
             columns = rows.shared.combine(effect.columns)
-            yield Suspect(what, columns, ("1",) * columns.shape[1])
+            yield Suspect(what, columns, ("1",) * columns.shape[1], largest=effect.plausible)
 
 
 def suspect_of(evidence: Evidence) -> Suspect:

@@ -19,6 +19,8 @@ class InclinometerGain(AddedVariable):
     name: ClassVar[str] = "inclinometer gain"
     about: ClassVar[str] = "An inclinometer reads too much or too little by one factor."
     applies_to: ClassVar[tuple[type[Term], ...]] = (Inclinometer,)
+    # A gain may drift after a calibration: `check` calls it "inclinometer gain".
+    checked_as: ClassVar[str] = "inclinometer"
 
     def effects(self, answer: Examination) -> Iterator[Effect]:
         """One factor for all inclinometers."""
