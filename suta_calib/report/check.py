@@ -86,8 +86,13 @@ def _changed(check: Check) -> Iterator[Part]:
 
 def errors_of(check: Check) -> Table:
     """Errors of the rows, with the calibration as it was and with what changed."""
+    return ERRORS.of(error_rows(check))
+
+
+def error_rows(check: Check) -> list[tuple[str, float, float, Unit]]:
+    """Kind, RMS as calibrated and with what changed, and unit."""
     pairs = zip(check.before, check.after, strict=True)
-    return ERRORS.of([(kind, rms, after, unit) for (kind, rms, unit), (_, after, _) in pairs])
+    return [(kind, rms, after, unit) for (kind, rms, unit), (_, after, _) in pairs]
 
 
 def _power(check: Check) -> Iterator[Part]:

@@ -14,15 +14,22 @@ from suta_calib.check.repair import Repair
 from suta_calib.job import inputs_copy
 from suta_calib.report.calibration import CALIBRATED, matrices_of
 from suta_calib.report.calibration_tables import EXTERNAL_POSES
-from suta_calib.report.check import CHANGED, errors_of
+from suta_calib.report.check import CHANGED, ERRORS, error_rows, errors_of
 from suta_calib.report.document import Document, File, Part, Text, section
 from suta_calib.report.listing import Column, Json, Listing
 from suta_calib.report.observability import PARAMETERS, Outcome
 from suta_calib.trust.external_poses import external_poses
-from suta_calib.units import Unit, unit_name
+from suta_calib.units import Unit, text, unit_name
 from suta_calib.words import enumerated
 
 NAME: Final = "result"
+_OLD_ERRORS: Final = (
+    "The new rows say nothing about the rows of the calibration: metrics, noise, repeatability and "
+    "validation in this result are of those rows, with the parameters as they were before the "
+    "repair. To see the errors now, validate it with rows measured since (suta-calib validate)."
+)
+# Entries that the new rows renew; all others are of the calibration.
+_RENEWED: Final = ("parameters", "external_poses", "unidentified", "correlations", "covariance")
 # What is of the run that wrote it.
 _OF_A_RUN: Final = ("files", "run", "verdict")
 
@@ -64,8 +71,8 @@ def _shown(repair: Repair) -> Iterator[Part]:
     yield errors_of(repair.check)
     yield RENEWED.of(_renewed(repair))
     yield Text(
-        "All other parameters keep their value and their ± but for what the new rows add. Errors, "
-        "noise and validation are those of the calibration that was repaired.",
+        "All other parameters keep their value and their ± but for what the new rows add. "
+        f"{_OLD_ERRORS}",
         place="page",
     )
 
@@ -85,7 +92,8 @@ def _assessment(repair: Repair, written: ReadBack) -> Assessment:
     what = enumerated([change.what for change in check.changed])
     notes = [
         f"The {what} was estimated again from {repair.rows} new rows; all else is the calibration "
-        f"of {written.file}."
+        f"of {written.file}.",
+        *_errors_now(repair),
     ]
     untold = [
         f"These rows cannot tell a change of the {change.what} from one of the "
@@ -96,6 +104,16 @@ def _assessment(repair: Repair, written: ReadBack) -> Assessment:
     ]
     answer = Assessment(before.level, before.sentence, (*notes, *before.notes))
     return answer.with_care([*untold, *check.notes])
+
+
+def _errors_now(repair: Repair) -> Iterator[str]:
+    """The errors of the rows that it rests on, and that all others in the result are old."""
+    for kind, before, after, unit in error_rows(repair.check):
+        yield (
+            f"Errors of the new rows ({kind}): {text(before, unit, with_unit=True)} RMS before the "
+            f"repair, {text(after, unit, with_unit=True)} after. metrics and validation in "
+            f"{NAME}.json are those of the calibration's rows, before the repair."
+        )
 
 
 def _record(repair: Repair, written: ReadBack, samples: Sequence[Path]) -> Json:
@@ -120,6 +138,8 @@ def _record(repair: Repair, written: ReadBack, samples: Sequence[Path]) -> Json:
             "parameters": list(repair.names),
             "samples": [str(path) for path in samples],
             "rows": repair.rows,
+            "errors": ERRORS.records(error_rows(repair.check)),
+            "of_calibration": [key for key in old if key not in (*_RENEWED, *_OF_A_RUN)],
             # Of the rows that were calibrated: a check learns the noise from them.
             "before": dict(repair.before.values),
             "covariance": {"parameters": list(names), "unit": "m, rad", "matrix": covariance},

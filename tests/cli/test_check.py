@@ -157,6 +157,13 @@ def test_a_repaired_result_is_a_whole_one(calibrated: Path, tmp_path: Path) -> N
     assert result["repaired"]["parameters"] == ["joint_3.offset"]
     assert result["verdict"]["usable"]
     assert {*result} >= {*old}
+    # Which data the errors in it are of is said: the old metrics are not the new arm's.
+    (errors,) = result["repaired"]["errors"]
+    assert errors["kind"] == "tracked_point"
+    assert errors["after_mm"] < errors["before_mm"]
+    assert {"metrics", "noise"} <= {*result["repaired"]["of_calibration"]}
+    assert "parameters" not in result["repaired"]["of_calibration"]
+    assert any("before the repair" in note for note in result["verdict"]["notes"])
     name = "joint_3.offset"
     moved = result["parameters"][name]["value"] - old["parameters"][name]["value"]
     assert math.degrees(moved) == pytest.approx(-0.1, abs=0.03)
