@@ -8,53 +8,31 @@ import sys
 import urllib.request
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
-from chromium import PROGRAM, WITHOUT_WEBGL, Chromium
+from chromium import LONGEST, PROGRAM, WITHOUT_WEBGL, Chromium
+from device_stand_in import postures_on
+from led_arm import LedArm
 
-from suta_calib.emulation import Faults, Stops
-from suta_calib.emulation.emulated import EmulationOptions, emulated_device
-from suta_calib.emulation.emulated_arm import EmulatedArm
 from suta_calib.measurements import read_artefact, read_csv_table
+from suta_calib.model.arm import ArmModel
 
 pytestmark = [
     pytest.mark.slow,
     pytest.mark.skipif(PROGRAM is None, reason="needs chromium"),
 ]
-POSTURE = "joint_1=15,joint_2=175,joint_3=160,joint_4=110,joint_5=-90,joint_6=-125"
 
 
-@contextmanager
-def arm_that_errs(job: Path, repository: Path) -> Iterator[Path]:
-    """Fifteen landmarks: M6 is wrong at first; at M2 the cable is pulled; after L1 it waits."""
-    names = list(read_artefact(job.parent / "artefact.yaml").landmarks)
-    options = EmulationOptions(
-        repository / "urdf" / "suta.urdf",
-        script=job,
-        errors_seed=2,
-        placements={"P1": None},
-        posture=POSTURE,
-    )
-    emulation = emulated_device(options).emulation
-    assert isinstance(emulation.motion, Stops)
-    on = dict(zip(names, emulation.motion.posture, strict=True))
-    away, wrong = on["O"] + 0.1, on["M6"] + np.array([0.0, 0.06, 0.0, 0.0, 0.0, 0.0])
-    first = [away, on["O"], on["M1"], *[on["M2"]] * 5, on["M3"], on["M4"], on["M5"]]
-    first += [*[wrong] * 5, on["M6"], on["L1"]]
-    second = [away, *(on[name] for name in names[names.index("L2") :])]
-    motion = Stops(
-        np.array([*first, *second]),
-        ({},) * len(first + second),
-        rest=1.6,
-        move=0.7,
-        rounds=(len(first) - 1, len(first + second) - 1),
-    )
-    faults = Faults.parse("disconnect=4@9")
-    with EmulatedArm(replace(emulation, motion=motion, faults=faults), patient=True) as arm:
-        yield arm.write_device(job.parent / "device.yaml")
+@pytest.fixture
+def arm(job: Path, repository: Path) -> Iterator[LedArm]:
+    """The SUTA, which a test leads to the landmarks."""
+    arm = ArmModel.from_urdf(repository / "urdf" / "suta.urdf", "tip")
+    with LedArm(
+        arm, postures_on(arm, read_artefact(job.parent / "artefact.yaml")), job.parent
+    ) as a:
+        yield a
 
 
 @contextmanager
@@ -70,7 +48,7 @@ def guide(job: Path, device: Path, *more: str) -> Iterator[tuple[str, subprocess
         yield line.split()[1], process
     finally:
         process.terminate()
-        process.communicate(timeout=20)
+        process.communicate(timeout=LONGEST)
 
 
 def click(page: Chromium, button: str) -> None:
@@ -88,44 +66,71 @@ DOUBTED = "document.querySelectorAll('#chips .doubted').length"
 NAME = "document.getElementById('name').innerText"
 
 
-def test_fifteen_landmarks(job: Path, repository: Path, tmp_path: Path) -> None:
-    with arm_that_errs(job, repository) as device, Chromium(*WITHOUT_WEBGL) as page:
-        with guide(job, device) as (url, process):
+def rested(page: Chromium) -> None:
+    """The arm rests, and has been heard for long enough."""
+    page.wait("!!document.querySelector('#rest .full')")
+
+
+def measured(page: Chromium, arm: LedArm, *names: str) -> None:
+    """One landmark after the other."""
+    for name in names:
+        count = page.evaluate(TAKEN)
+        arm.go(name)
+        page.wait(f"{TAKEN} === {count + 1}")
+
+
+def test_fifteen_landmarks(job: Path, arm: LedArm, tmp_path: Path) -> None:
+    first = ["O", "M1", "M2", "M3", "M4", "M5", "M6", "L1"]
+    with Chromium(*WITHOUT_WEBGL) as page:
+        with guide(job, arm.device) as (url, process):
             page.open(url)
             page.wait(f"{NAME} === 'O'")
+            rested(page)
+            measured(page, arm, "O", "M1", "M2")
             # The cable is pulled out: the page says so, and goes on when it is back.
-            page.wait(f"{NAME} === 'No readings'", 90)
-            page.wait(f"{NAME} === 'M3'", 90)
+            arm.plug(False)
+            page.wait(f"{NAME} === 'No readings'")
+            arm.plug(True)
+            page.wait(f"{NAME} === 'M3'")
+            rested(page)
+            measured(page, arm, "M3", "M4", "M5")
             # A landmark that is wrong is named at once, and taken again.
-            page.wait("!document.getElementById('alert').hidden", 90)
+            arm.go("M6", np.array([0.0, 0.06, 0.0, 0.0, 0.0, 0.0]))
+            page.wait("!document.getElementById('alert').hidden")
             assert "M6 does not fit" in page.text
             assert page.evaluate(DOUBTED) == 1
             click(page, "retake")
-            page.wait(f"{NAME} === 'L2'", 90)
+            page.wait(f"{NAME} === 'M6'")
+            measured(page, arm, "M6")
             assert page.evaluate("document.getElementById('alert').hidden")
             assert page.evaluate(DOUBTED) == 0
-            assert page.evaluate(TAKEN) == 8
-            page.wait("document.querySelectorAll('#parameters .bar').length > 5", 60)
+            measured(page, arm, "L1")
+            page.wait("document.querySelectorAll('#parameters .bar').length > 5")
             # Nothing is lost with it.
             process.send_signal(signal.SIGKILL)
             process.wait()
             page.wait("document.body.innerText.includes('has ended')")
-        assert landmarks(job) == ["O", "M1", "M2", "M3", "M4", "M5", "M6", "L1"]
-        with guide(job, device) as (url, _):
+        assert landmarks(job) == first
+        with guide(job, arm.device) as (url, _):
             page.open(url)
-            page.wait(f"{NAME} === 'L2'", 90)
+            page.wait(f"{NAME} === 'L2'")
             assert page.evaluate(TAKEN) == 8
-            page.wait("document.body.innerText.includes('P1 is complete')", 150)
+            rested(page)
+            names = list(read_artefact(job.parent / "artefact.yaml").landmarks)
+            assert names[:8] == first
+            measured(page, arm, *names[8:-1])
+            arm.go(names[-1])
+            page.wait("document.body.innerText.includes('P1 is complete')")
             assert len(landmarks(job)) == 15
-            page.wait("document.body.innerText.includes('Best next')", 120)
+            page.wait("document.body.innerText.includes('Best next')")
             for width, dark in ((1400, False), (500, True)):
                 page.resize(width, 900, dark=dark)
                 page.picture(tmp_path / f"{width}.png")
                 assert page.evaluate("document.documentElement.scrollWidth") == width
             click(page, "finish")
-            page.wait("document.querySelectorAll('#files a').length", 120)
+            page.wait("document.querySelectorAll('#files a').length")
             assert "→" in page.evaluate("document.getElementById('headline').innerText")
             report = page.evaluate("document.querySelector('#files a').href")
-            with urllib.request.urlopen(report, timeout=10) as answer:
+            with urllib.request.urlopen(report, timeout=LONGEST) as answer:
                 assert b"<html" in answer.read()
             assert (job.parent / "results" / "result.json").is_file()

@@ -20,6 +20,8 @@ _SWITCHES = (
     *("--headless", "--no-sandbox", "--hide-scrollbars", "--no-first-run"),
     "--remote-debugging-port=0",
 )
+# What is waited for comes at once; on a busy computer it may take so long, s.
+LONGEST = 240.0
 # WebGL without a graphics card; it takes more than one core.
 WITH_WEBGL = ("--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--ignore-gpu-blocklist")
 WITHOUT_WEBGL = ("--disable-gpu", "--disable-3d-apis")
@@ -45,7 +47,7 @@ class Chromium:
 
     def __enter__(self) -> Self:
         try:
-            self._page = connect(self._address(), max_size=None, open_timeout=60)
+            self._page = connect(self._address(), max_size=None, open_timeout=LONGEST)
             self.resize(1400, 900)
         except BaseException:
             self.__exit__()
@@ -59,11 +61,11 @@ class Chromium:
 
     def _address(self) -> str:
         """Of the page's debugger."""
-        file, end = Path(self._folder.name) / "DevToolsActivePort", time.monotonic() + 60
+        file, end = Path(self._folder.name) / "DevToolsActivePort", time.monotonic() + LONGEST
         while time.monotonic() < end:
             if file.is_file() and (lines := file.read_text().splitlines()):
                 listed = f"http://127.0.0.1:{lines[0]}/json/list"
-                with urllib.request.urlopen(listed, timeout=60) as answer:
+                with urllib.request.urlopen(listed, timeout=LONGEST) as answer:
                     targets = json.load(answer)
                 pages = [t for t in targets if t["type"] == "page"]
                 if pages:
@@ -76,7 +78,7 @@ class Chromium:
         number = next(self._number)
         self._page.send(json.dumps({"id": number, "method": method, "params": parameters}))
         while True:
-            answer = json.loads(self._page.recv(timeout=60))
+            answer = json.loads(self._page.recv(timeout=LONGEST))
             if answer.get("id") == number:
                 assert "error" not in answer, answer
                 return dict(answer["result"])
@@ -89,8 +91,10 @@ class Chromium:
         self.send("Emulation.setEmulatedMedia", features=[scheme])
 
     def open(self, url: str) -> None:
-        """Go to an address."""
+        """Go to an address, and wait until its page is there."""
         self.send("Page.navigate", url=url)
+        there = f"location.href === {json.dumps(url)} && document.readyState === 'complete'"
+        self.wait(there)
 
     def evaluate(self, script: str) -> Any:
         """The value of a JavaScript expression."""
@@ -98,7 +102,7 @@ class Chromium:
         assert "exceptionDetails" not in answer, answer["exceptionDetails"]
         return answer["result"].get("value")
 
-    def wait(self, script: str, seconds: float = 60.0) -> Any:
+    def wait(self, script: str, seconds: float = LONGEST) -> Any:
         """Until an expression is true; its value."""
         end = time.monotonic() + seconds
         # What it is about may not be there yet.
