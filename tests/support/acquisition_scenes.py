@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -10,6 +11,7 @@ from device_stand_in import Replay, Script
 
 from suta_calib.acquisition.guided import Guided
 from suta_calib.acquisition.pictures import Seen, nothing_seen
+from suta_calib.acquisition.replay import RecordingEnded
 from suta_calib.acquisition.run import Run, SamplesFile
 from suta_calib.acquisition.session import ArmReadings, StreamEvents, run_session
 from suta_calib.acquisition.stops import StopFinder
@@ -49,7 +51,11 @@ class Attempt:
         choose = ArmReadings(device(plan.arm.joints), plan.arm.joints)
         source = Replay(readings)
         self.events = StreamEvents()
-        self.done = run_session(source, choose, finder, taker, events=self.events, patience=1.0)
+        patience = np.inf if readings else 0.1
+        with suppress(RecordingEnded):
+            run_session(source, choose, finder, taker, events=self.events, patience=patience)
+        taker.finish()
+        self.done = taker.done
 
     @property
     def landmarks(self) -> list[str]:

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from suta_calib.acquisition.replay import RecordingEnded
 from suta_calib.arrays import FloatArray
 from suta_calib.device.reading import Reading
 from suta_calib.geometry.numbers import wrap
@@ -76,12 +77,14 @@ def postures_on(arm: ArmModel, artefact: Artefact) -> dict[str, FloatArray]:
 
 
 class Replay:
-    """A source of readings that have all been made beforehand."""
+    """A source of readings that have all been made beforehand; of none it is a silent device."""
 
     def __init__(self, readings: Sequence[Reading], piece: int = 40) -> None:
         self._readings, self._piece, self._next = readings, piece, 0
 
     def read(self, timeout: float = 0.1) -> list[Reading]:
         del timeout
+        if self._readings and self._next >= len(self._readings):
+            raise RecordingEnded
         first, self._next = self._next, self._next + self._piece
         return list(self._readings[first : self._next])
