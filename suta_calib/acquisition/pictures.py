@@ -4,17 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from itertools import count
 from pathlib import Path
 from typing import Final
 
 from suta_calib import vision
-from suta_calib.errors import DeviceError, InputError, OutputError
+from suta_calib.errors import DeviceError, InputError
 from suta_calib.job.outline import read_outline
 from suta_calib.measurements import corners_of, read_board, read_text, write_text
 from suta_calib.measurements.board import Board
 from suta_calib.measurements.corners import corners_text
-from suta_calib.vision.opencv import open_video, opencv
+from suta_calib.vision.opencv import open_video
+from suta_calib.vision.pictures import save_picture
 
 # Label of the samples that names the picture.
 IMAGE: Final = "image"
@@ -102,11 +102,7 @@ class RestPictures:
         taken, picture = self._capture.read()
         if not taken:
             raise DeviceError(f"found no picture from the camera {self._source}; is it connected?")
-        self._folder.mkdir(parents=True, exist_ok=True)
-        files = (self._folder / f"{number:03}.png" for number in count())
-        file = next(path for path in files if not path.exists())
-        if not opencv().imwrite(str(file), picture):
-            raise OutputError(f"{file}: not written")
+        file = save_picture(self._folder, picture)
         if self._sought is not None:
             try:
                 self._sought.add(file.name, vision.read_picture(file))

@@ -28,7 +28,13 @@ from suta_calib.vision.detection import finder_of
 from suta_calib.vision.drawing import live_drawing
 from suta_calib.vision.finder import DetectedBoard, NotSeenError
 from suta_calib.vision.opencv import open_video, opencv
-from suta_calib.vision.pictures import Grey, UnusablePictureError, find_pictures, read_picture
+from suta_calib.vision.pictures import (
+    Grey,
+    UnusablePictureError,
+    find_pictures,
+    read_picture,
+    save_picture,
+)
 
 _PAUSE: Final = 0.1
 _BUTTONS: Final = [
@@ -77,7 +83,7 @@ class LivePictures:
         except OSError as error:
             raise OutputError(f"{options.folder}: not made: {error.strerror}") from error
         self._video = Video(options.video) if options.video else None
-        self.page = GuidePage(options.folder.resolve().name, "camera.html")
+        self.page = GuidePage(options.folder.resolve().name, "detect")
         self._server = SiteServer(self.page, options.port, options.host)
         self._seen: dict[Path, SeenBoard | None] = {}
         self._size: tuple[int, int] = (0, 0)
@@ -177,17 +183,7 @@ class LivePictures:
 
     def _keep(self, frame: Any, view: SeenBoard) -> None:
         """Write a picture, and count it; when it is shown as taken it is on the disk."""
-        numbers = (k for k in range(1, 100_000))
-        names = (self._options.folder / f"picture_{number:04d}.png" for number in numbers)
-        path = next(name for name in names if not name.exists())
-        done, data = opencv().imencode(".png", frame)
-        part = path.with_suffix(".part")
-        try:
-            part.write_bytes(data.tobytes())
-            part.rename(path)
-        except OSError as error:
-            raise OutputError(f"{path}: not written: {error.strerror}") from error
-        assert done
+        path = save_picture(self._options.folder, frame)
         self._seen[path] = view
         self._say(f"{path.name}: taken")
         self._tell(f"{path.name} is taken")

@@ -25,8 +25,6 @@ if TYPE_CHECKING:
 
 # A browser sends the name of a button.
 _LONGEST: Final = 40
-# Of all pages.
-_SHARED: Final = {"/page.css": "page.css", "/page.js": "page.js"}
 
 
 class GuidePage:
@@ -34,15 +32,15 @@ class GuidePage:
 
     Args:
         title: what it is about.
-        template: its file in ``templates``.
+        command: whose page it is: its parts and what moves them are in ``templates``.
 
     Attributes:
         pressed: names of buttons that were pressed, and nobody has asked for yet.
     """
 
-    def __init__(self, title: str, template: str = "guide.html") -> None:
+    def __init__(self, title: str, command: str = "guide") -> None:
         self.pressed: SimpleQueue[str] = SimpleQueue()
-        self._template, self._picture = template, b""
+        self._command, self._picture = command, b""
         self._shown: dict[str, Any] = {"title": title, "browsers": 0}
         self._files: dict[str, Path] = {}
 
@@ -70,9 +68,11 @@ class GuidePage:
 
     def page(self, path: str) -> Page | None:
         """What stands at a path."""
-        if (template := {"/": self._template, **_SHARED}.get(path)) is not None:
-            content = files("suta_calib.guide").joinpath("templates", template).read_bytes()
-            return Page(content, f"{mimetypes.guess_type(template)[0]}; charset=utf-8")
+        if path == "/":
+            page = _template("page.html").replace("{{parts}}", _template(f"{self._command}.html"))
+            return _text("page.html", page.replace("{{command}}", self._command))
+        if path[1:] in ("page.css", "page.js", f"{self._command}.js"):
+            return _text(path, _template(path[1:]))
         if path == "/picture.jpg" and self._picture:
             return Page(self._picture, "image/jpeg")
         file = self._files.get(path.removeprefix("/files/"))
@@ -115,6 +115,14 @@ class GuidePage:
 
     def _count(self, more: int) -> None:
         self.show(browsers=self._shown["browsers"] + more)
+
+
+def _template(name: str) -> str:
+    return files("suta_calib.guide").joinpath("templates", name).read_text(encoding="utf-8")
+
+
+def _text(name: str, content: str) -> Page:
+    return Page(content.encode(), f"{mimetypes.guess_type(name)[0]}; charset=utf-8")
 
 
 class PageKeys:

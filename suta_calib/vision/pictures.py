@@ -6,13 +6,14 @@ import os
 from collections import Counter
 from collections.abc import Iterable
 from dataclasses import dataclass
+from itertools import count
 from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from suta_calib.errors import InputError
+from suta_calib.errors import InputError, OutputError
 from suta_calib.inputs import read_input
 from suta_calib.vision.opencv import MOST_PIXELS, opencv
 
@@ -39,6 +40,28 @@ class PictureFile:
 
     name: str
     path: Path
+
+
+def save_picture(folder: Path, picture: NDArray[np.uint8]) -> Path:
+    """Write a picture as the next one of a folder; its file, which is whole once it is there.
+
+    The folder is made with the first one. Nothing there is overwritten.
+
+    Raises:
+        OutputError: it cannot be written.
+    """
+    encoded, png = opencv().imencode(".png", picture)
+    assert encoded
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        names = (folder / f"{number:03}.png" for number in count())
+        path = next(name for name in names if not name.exists())
+        part = path.with_suffix(".part")
+        part.write_bytes(png.tobytes())
+        part.rename(path)
+    except OSError as error:
+        raise OutputError(f"{folder}: picture not written: {error.strerror}") from error
+    return path
 
 
 def find_pictures(paths: Iterable[str | Path]) -> list[PictureFile]:

@@ -116,7 +116,7 @@ def test_a_camera_takes_what_is_new_and_held_still(tmp_path: Path, video: Path) 
         until(lambda: any("deleted" in line for line in said))
         assert live.page.shown("buttons")[0]["do"] == "take"
     assert count <= 4
-    assert said[0] == "picture_0001.png: taken"
+    assert said[0] == "000.png: taken"
     assert not list(folder.glob("*.part"))
 
 

@@ -61,7 +61,7 @@ function connect(heard) {
   };
   socket.onclose = () => {
     $("now").className = ""; $("buttons").replaceChildren();
-    for (const id of ["name", "doing", "how", "alert", "rest", "plan"]) if ($(id)) $(id).hidden = true;
+    for (const id of ["name", "doing", "how", "alert", "rest", "plan"]) $(id).hidden = true;
     put("ask", "suta-calib has ended. What is taken is saved. Start it again to go on: the page then has a new address.");
     setTimeout(() => connect(heard), 2000);
   };

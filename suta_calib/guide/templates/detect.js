@@ -1,31 +1,3 @@
-<!doctype html>
-<html lang="en">
-<head>
-<meta charset="utf-8">
-<meta name="viewport" content="width=device-width, initial-scale=1">
-<title>suta-calib detect</title>
-<link rel="icon" href="data:,">
-<link rel="stylesheet" href="page.css">
-<script src="page.js"></script>
-</head>
-<body>
-<main>
-  <section id="now" aria-live="polite">
-    <div id="where"><span id="title"></span><span id="count"></span></div>
-    <h1 id="name" class="long">Connecting</h1>
-    <p id="ask" hidden></p>
-    <p id="doing"></p>
-    <div id="verdict" hidden><b></b><p id="headline"></p><p id="statement"></p><ul id="notes"></ul><div id="files"></div><p id="folder"></p></div>
-    <div id="buttons"></div>
-  </section>
-  <section id="picture"><img id="live" alt="The picture of the camera, with the corners that are found" hidden></section>
-  <section id="places">
-    <div class="covered"><h2>Where the board was</h2><svg id="parts" role="img" aria-label="Parts of the picture that are covered"></svg></div>
-    <div class="covered"><h2>How it was turned</h2><svg id="tilts" role="img" aria-label="Tilts of the board" viewBox="-50 -50 100 100"></svg></div>
-  </section>
-  <section id="log"><div id="foot"><span id="browsers"></span><label><input type="checkbox" id="sound" checked> sound</label></div></section>
-</main>
-<script>
 "use strict";
 let countBefore = null;
 
@@ -51,6 +23,8 @@ connect(news => {
   const taking = state.phase === "taking";
   put("title", state.title);
   put("count", state.count === undefined ? "" : `${state.count} pictures`);
+  put("ask", "");
+  $("name").className = "long";
   put("name", taking ? state.advice || "Hold the board in front of the camera" : state.phase === "calibrating" ? "Calibrating" : "");
   put("doing", state.phase === "calibrating" ? "This takes a few seconds to a minute." : taking ? state.doing || "" : "");
   $("now").className = !taking ? "" : state.enough || (state.doing || "").endsWith("taken") ? "taken" : state.seen ? "hold" : "wrong";
@@ -61,6 +35,3 @@ connect(news => {
   if (news.buttons || "enough" in news) drawButtons(name => name === "finish" && state.enough || name === "end" ? "main" : "");
   if ("verdict" in news || news.phase) drawVerdict();
 });
-</script>
-</body>
-</html>
