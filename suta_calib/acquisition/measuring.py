@@ -11,6 +11,8 @@ from itertools import count, islice
 from pathlib import Path
 from typing import Any, Literal
 
+import numpy as np
+
 from suta_calib.acquisition.continuous import Continuous, Swept, time_columns
 from suta_calib.acquisition.extra_columns import ExtraColumns
 from suta_calib.acquisition.guided import Guided, Keyboard, Keys
@@ -26,6 +28,7 @@ from suta_calib.acquisition.raw import RawRecorder
 from suta_calib.acquisition.replay import RecordedStream, RecordingEnded
 from suta_calib.acquisition.rest import DEFAULT_REST, RestSettings
 from suta_calib.acquisition.run import Run, SamplesFile
+from suta_calib.acquisition.seating_check import Visit
 from suta_calib.acquisition.session import (
     ArmReadings,
     Finder,
@@ -45,6 +48,7 @@ from suta_calib.acquisition.session_events import (
 from suta_calib.acquisition.stops import StopFinder
 from suta_calib.acquisition.sweep_contact import Surface
 from suta_calib.acquisition.touch_sequence import (
+    ONE_POINT,
     Station,
     TouchSequence,
     checked_label,
@@ -65,9 +69,11 @@ from suta_calib.device.formats import format_of
 from suta_calib.device.port_process import PortProcess
 from suta_calib.device.reading import Reading
 from suta_calib.display import Displayable
-from suta_calib.errors import InputError, MissingExtraError
+from suta_calib.errors import InputError, MissingExtraError, SamplesError
 from suta_calib.inputs import UrdfFile
 from suta_calib.job.outline import read_outline
+from suta_calib.measurements.csv_table import read_csv_table
+from suta_calib.measurements.files import expand
 from suta_calib.optional_packages import load
 from suta_calib.simulation.schema import PORTABLE_NAME
 from suta_calib.terms import KINDS, Term
@@ -301,6 +307,27 @@ def stations_of(options: MeasureOptions) -> tuple[TouchSequence, tuple[Station, 
     return plan, tuple(station for station in plan.stations if station.name in missing)
 
 
+def earlier_visits(options: MeasureOptions, plan: TouchSequence) -> dict[str, list[Visit]]:
+    """Touches of the same placement or point in other repeats, by landmark, or the empty name."""
+    visits = dict[str, list[Visit]]()
+    if plan.artefact is None and plan.place != ONE_POINT:
+        return visits
+    ((place, label),) = options.labels.items()
+    row = read_row(options.job, options.observation, kinds_of(place), options.chain)
+    # What cannot be read is said where it is calibrated with.
+    with suppress(SamplesError):
+        for file in expand(row.pattern, options.job.parent):
+            table = read_csv_table(file)
+            names = [place, "repeat", *(["landmark"] if plan.artefact is not None else [])]
+            labels = [table.labels(name, "a label column") for name in names]
+            q = np.stack([table.numbers(j, "one column per joint") for j in plan.arm.joints], 1)
+            for angles, (of, repeat, *mark) in zip(q, zip(*labels, strict=True), strict=True):
+                if of == label and repeat != options.repeat:
+                    visit = Visit(f"repeat {repeat}", angles)
+                    visits.setdefault("".join(map(str, mark)), []).append(visit)
+    return visits
+
+
 class _Session:
     """One call of `measure`: who takes samples of what, and what is said of it."""
 
@@ -340,7 +367,8 @@ class _Session:
         even = not format_of(spec).has_clock
         extra = ExtraColumns(spec.extra_columns, _kinds_over(spec.extra_columns), file.numbers)
         finder = StopFinder(plan.arm.joints, options.seconds, options.rest, even=even, extra=extra)
-        self._run = Run(plan, file, self._say, self._tell_stations, see)
+        visits = earlier_visits(options, plan)
+        self._run = Run(plan, file, self._say, self._tell_stations, see, visits)
         self._finder = finder
         self._tell(Opened(plan, options.seconds))
         self._tell_stations()

@@ -12,6 +12,7 @@ import csv
 import io
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
+from types import MappingProxyType
 from typing import Final
 
 import numpy as np
@@ -19,9 +20,9 @@ import numpy as np
 from suta_calib.acquisition.averaging import Average
 from suta_calib.acquisition.pictures import NothingSeenError, Seen, nothing_seen
 from suta_calib.acquisition.rest import DEFAULT_REST
-from suta_calib.acquisition.seating_check import SeatingCheck
+from suta_calib.acquisition.seating_check import SeatingCheck, Visit, disagreement_with
 from suta_calib.acquisition.session_events import Stations, StationState, StationStatus
-from suta_calib.acquisition.touch_sequence import Station, TouchSequence
+from suta_calib.acquisition.touch_sequence import ONE_POINT, Station, TouchSequence
 from suta_calib.arrays import FloatArray
 from suta_calib.errors import OutputError, SamplesError
 from suta_calib.geometry.numbers import vector_from_rotation, wrap
@@ -32,13 +33,15 @@ from suta_calib.units import deg, mm
 Say = Callable[[str], None]
 # Labels and readings (n,), rad.
 Sample = tuple[Mapping[str, str], FloatArray]
+_MISFIT: Final = "its distances do not fit the others: seat it again, or check its name"
 TWISTS: Final = {"ccw": "counter-clockwise", "cw": "clockwise"}
 
 
 class Run:
     """The stations of a plan, and which of them have been measured.
 
-    Whenever that changes, ``changed`` is called. ``see`` gives labels of what a camera sees there.
+    Whenever that changes, ``changed`` is called. ``see`` gives labels of what a camera sees there,
+    ``visits`` are touches of the same places before, by landmark, or the empty name.
 
     Attributes:
         index: number of the station that is next.
@@ -54,9 +57,10 @@ class Run:
         say: Say,
         changed: Callable[[], None] = lambda: None,
         see: Seen = nothing_seen,
+        visits: Mapping[str, Sequence[Visit]] = MappingProxyType({}),
     ) -> None:
         self.plan, self.file, self.say, self._changed = plan, file, say, changed
-        self._see = see
+        self._see, self._visits = see, visits
         self.seating = None if plan.artefact is None else SeatingCheck(plan.arm, plan.artefact)
         self.skipped: list[str] = []
         self.notes: dict[str, str] = {}
@@ -73,6 +77,9 @@ class Run:
                 self.seating.put(labels["landmark"], angles)
             if place is not None:
                 self._rows[place], self.index = row, place + 1
+        if self.seating is not None:
+            readings = {labels["landmark"]: angles for labels, angles in file.rows}
+            self.notes = dict.fromkeys(self.seating.misplaced(readings), _MISFIT)
 
     @property
     def done(self) -> bool:
@@ -142,7 +149,7 @@ class Run:
             self.say(line)
         self.notes.pop(station.name, None)
         if self.is_suspicious(average):
-            doubts.append("its distances do not fit the others: seat it again, or check its name")
+            doubts.append(_MISFIT)
         if doubts:
             self.notes[station.name] = "; ".join(doubts)
         if self.seating is not None:
@@ -231,6 +238,8 @@ class Run:
                 doubts.append(
                     f"the same posture as {before}: check whether the arm moved to this landmark"
                 )
+        if moved := disagreement_with(self.plan.arm, average.angles, self._before()):
+            doubts.append(moved)
         turned = self._twist(average)
         if turned is not None and turned <= 0:
             other = next(way for name, way in TWISTS.items() if name != self.plan.twist)
@@ -241,6 +250,17 @@ class Run:
                 f"{self.plan.how}"
             )
         return doubts
+
+    def _before(self) -> list[Visit]:
+        """Earlier touches of what the next station is on."""
+        visits = list(self._visits.get(self.station.labels.get("landmark", ""), ()))
+        if self.plan.place == ONE_POINT:
+            visits += [
+                Visit(f"rest {place + 1}", self.file.rows[row][1])
+                for place, row in self._rows.items()
+                if place != self.index and self.plan.stations[place].name not in self.notes
+            ]
+        return visits
 
     def _twist(self, average: Average) -> float | None:
         """How far the plug turned the right way just before a rest, rad; negative the other way.

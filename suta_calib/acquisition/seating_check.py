@@ -1,12 +1,14 @@
 """Whether a landmark is where the artefact says: what tells a mis-seated plug at once.
 
 The arm is not yet calibrated, so a few millimetres are nothing to worry about; what stands out
-among the distances of the same placement is.
+among the distances of the same placement is, and so is what was elsewhere when it was touched
+before.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from itertools import combinations, combinations_with_replacement
 from typing import Final
 
@@ -14,9 +16,10 @@ import numpy as np
 from scipy.spatial.distance import pdist
 
 from suta_calib.arrays import FloatArray
-from suta_calib.geometry.numbers import register_points, rms_length
+from suta_calib.geometry.numbers import register_points, rms_length, wrap
 from suta_calib.measurements import Artefact
 from suta_calib.model.arm import ArmModel
+from suta_calib.units import mm
 
 # From here on a landmark is another one rather than badly measured, m, where the other name fits so
 # many times better.
@@ -76,6 +79,18 @@ class SeatingCheck:
             limit = min(limit, 30e-3)
         return float(np.median(np.abs(list(errors.values())))) > limit
 
+    def misplaced(self, readings: Mapping[str, FloatArray]) -> list[str]:
+        """Those of the landmarks measured that stand out, the worst first, by their readings."""
+        others, found = SeatingCheck(self._arm, self._artefact), list[str]()
+        others.tips = dict(self.tips)
+        while len(others.tips) > CERTAIN:
+            suspects = [name for name in others.tips if others.suspicious(name, readings[name])]
+            if not suspects:
+                break
+            found.append(max(suspects, key=lambda name: others.misfit(name, readings[name])))
+            del others.tips[found[-1]]
+        return found
+
     def same_place(self, angles: FloatArray, other: FloatArray) -> bool:
         """Whether two readings can only belong to one landmark."""
         positions = np.array([mark.position for mark in self._artefact.landmarks.values()])
@@ -121,6 +136,34 @@ class SeatingCheck:
             return expected
         best = min(misfits, key=lambda name: misfits[name])
         return best if BETTER * misfits[best] < self.misfit(expected, angles) else expected
+
+
+@dataclass(frozen=True, eq=False)
+class Visit:
+    """A touch of the same place before: ``repeat 1``, and the readings (n,), rad."""
+
+    name: str
+    angles: FloatArray
+
+
+def disagreement_with(arm: ArmModel, angles: FloatArray, visits: Iterable[Visit]) -> str:
+    """What an earlier touch of the same place says against this one; empty where all agree."""
+    # A plug that is seated by hand comes back to 0.1 mm. An arm before its calibration is off, by
+    # another way the more it has turned: a hobby arm's servos, 3° off at 0.35 m, by so much for
+    # each radian.
+    seated, turned = 1e-3, 20e-3
+    worst, said = 0.0, ""
+    for visit in visits:
+        here, there = (arm.forward(q)[1] for q in (angles, visit.angles))
+        apart = float(np.linalg.norm(here - there))
+        allowed = seated + turned * float(np.max(np.abs(wrap(angles - visit.angles))))
+        if apart > max(allowed, worst):
+            worst = apart
+            said = (
+                f"the tip is {mm(apart):.1f} mm from where it was in {visit.name}: seat it again, "
+                "or see whether what it touches has moved"
+            )
+    return said
 
 
 def likelier(

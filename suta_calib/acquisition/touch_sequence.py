@@ -24,6 +24,8 @@ from suta_calib.model.robot import chosen_chain
 from suta_calib.terms import KINDS, Term
 from suta_calib.terms.seating import ALWAYS_ALIKE
 
+# What is touched again and again at one and the same place: `TouchSequence.place`.
+ONE_POINT: Final = ("point",)
 _WHICH: Final = re.compile(r"(?:(observations|validation)(?:\[(\d+)\])?|(\d+))")
 
 

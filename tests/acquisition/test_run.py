@@ -9,11 +9,14 @@ import pytest
 from acquisition_scenes import Attempt, Scene
 from device_stand_in import POSTURE, Script
 
+from suta_calib.acquisition.averaging import Average
 from suta_calib.acquisition.continuous import Continuous
 from suta_calib.acquisition.guided import ENTER
 from suta_calib.acquisition.pictures import NothingSeenError
-from suta_calib.acquisition.run import SamplesFile
+from suta_calib.acquisition.run import Run, SamplesFile
+from suta_calib.acquisition.seating_check import Visit
 from suta_calib.acquisition.touch_sequence import repeated
+from suta_calib.arrays import FloatArray
 from suta_calib.geometry.numbers import wrap
 from suta_calib.measurements import read_samples
 from suta_calib.terms import FixedPoint, PairwiseDistance
@@ -217,3 +220,45 @@ def test_going_back_replaces_the_sample_only_when_there_is_another(scene: Scene)
     assert np.abs(it.run.file.rows[0][1] - scene["O"]).max() < 1e-5
     it.guided.press("q")
     assert it.guided.done
+
+
+def average_of(angles: FloatArray) -> Average:
+    none = np.zeros(len(angles))
+    return Average(angles, none, none.astype(int), 100, 0.5)
+
+
+def test_a_touch_is_compared_with_every_earlier_one_of_its_place(scene: Scene) -> None:
+    plan, off = scene.plan("O,M1"), np.array([0.0, 0.02, 0.0, 0.0, 0.0, 0.0])
+    # The landmarks in two repeats before; O was not well seated in the second one.
+    visits = {
+        name: [Visit("repeat 1", scene[name]), Visit("repeat 2", scene[name] + wrong)]
+        for name, wrong in (("O", off), ("M1", 0.0 * off))
+    }
+    run = Run(plan, scene.file(plan), lambda _: None, visits=visits)
+    run.confirm(average_of(scene["O"]))
+    assert "mm from where it was in repeat 2: seat it again" in run.notes["O"]
+    run.confirm(average_of(scene["M1"] + 1e-4))
+    assert list(run.notes) == ["O"]
+
+
+def test_a_rest_on_a_point_is_compared_with_those_before(scene: Scene) -> None:
+    plan = repeated(scene.arm, FixedPoint, "F1", "1", 5)
+    run = Run(plan, scene.file(plan), lambda _: None)
+    off = np.array([0.0, 0.02, 0.0, 0.0, 0.0, 0.0])
+    for angles in (scene["O"], scene["O"] + off, scene["O"], scene["O"] - off):
+        run.confirm(average_of(angles))
+    # The second was wrong, and is no measure for the third.
+    assert list(run.notes) == ["F1, rest 2", "F1, rest 4"]
+    assert "where it was in rest 1" in run.notes["F1, rest 4"]
+
+
+def test_a_resumed_run_knows_what_does_not_fit(scene: Scene) -> None:
+    names = "O,M1,M2,M3,M4,M5"
+    plan = scene.plan(names)
+    run = Run(plan, scene.file(plan), lambda _: None)
+    off = np.array([0.0, 0.06, 0.0, 0.0, 0.0, 0.0])
+    for name in names.split(","):
+        run.confirm(average_of(scene[name] + (off if name == "M4" else 0.0)))
+    assert list(run.notes) == ["M4"]
+    again = Run(plan, scene.file(plan, resume=True), lambda _: None)
+    assert again.notes == run.notes
