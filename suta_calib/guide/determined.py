@@ -69,13 +69,14 @@ class NextPlace:
     """The measurement that would tell most.
 
     Attributes:
-        sort: of place, as a column of samples has it: ``placement``, ``point``.
+        sort: of place, as a column of samples has it: ``placement``, ``point``; empty of postures.
         what: where it is, in words.
         why: what it brings.
         enough: whether it brings next to nothing.
         count: of touches, where it has no landmarks; else 0.
         landmarks: (n, 3) where the artefact would have its landmarks, or the point, m.
-        position, rotation: of the artefact, or the point, in the base.
+        position, rotation: of the artefact, or the point, or the tip, in the base.
+        readings: (joints,) of a posture in which it is measured, or first touched, rad or m.
     """
 
     sort: str
@@ -86,6 +87,7 @@ class NextPlace:
     landmarks: FloatArray
     position: FloatArray
     rotation: FloatArray
+    readings: FloatArray
 
 
 def determined(job: Path) -> SoFar | None:
@@ -107,6 +109,15 @@ def next_place(job: Path) -> NextPlace | None:
         InputError: the job cannot be used, or the arm reaches none of the places.
     """
     return _of_rows_measured(job, _next_place)
+
+
+def next_posture(job: Path) -> NextPlace | None:
+    """The posture to rest in next; as `next_place`.
+
+    Raises:
+        InputError: the job cannot be used.
+    """
+    return _of_rows_measured(job, lambda loaded: _next_place(loaded, touching=False))
 
 
 def _of_rows_measured(job: Path, answer: Callable[[CalibrationJob], Answer]) -> Answer | None:
@@ -147,22 +158,28 @@ def _determined(job: CalibrationJob) -> SoFar:
     )
 
 
-def _next_place(job: CalibrationJob) -> NextPlace:
+def _next_place(job: CalibrationJob, *, touching: bool = True) -> NextPlace:
     situation = planning.situation_of_job(job)
-    # Enough to find a good one while somebody puts the artefact down.
-    pool = planning.Pool(placements=120, points=40, poses=0)
+    # Enough to find a good one while somebody puts the artefact down, or moves the arm.
+    pool = planning.Pool(placements=0, points=0, poses=60)
+    if touching:
+        pool = planning.Pool(placements=120, points=40, poses=0)
     plan = planning.plan(situation, planning.PlanOptions(count=1, pool=pool))
-    place, stop = plan.chosen[0].candidate.place, plan.stop
-    assert not isinstance(place, planning.Posture)
-    rotation, landmarks = np.eye(3), place.position[None]
-    where = "x = {:.0f}, y = {:.0f}, z = {:.0f} mm".format(*mm(place.position))
+    candidate, stop = plan.chosen[0].candidate, plan.stop
+    place, sort, count = candidate.place, "", 0
+    rotation, position = situation.arm.forward(candidate.q[0], situation.values)
+    if not isinstance(place, planning.Posture):
+        rotation, position = np.eye(3), place.position
+    landmarks, where = position[None], "x = {:.0f}, y = {:.0f}, z = {:.0f} mm".format(*mm(position))
     if isinstance(place, planning.Placement):
         assert situation.artefact is not None
-        sort, count, rotation = "placement", 0, place.rotation
+        sort, rotation = "placement", place.rotation
         names = list(situation.artefact.landmarks)
-        landmarks = situation.artefact.position_of(names) @ rotation.T + place.position
+        landmarks = situation.artefact.position_of(names) @ rotation.T + position
         what = f"the artefact at {where}, turned by {deg(rpy_from_rotation(rotation)[2]):.0f}°"
         what += f", tilted by {deg(place.tilt):.0f}°" if deg(place.tilt) >= 1 else ""
+    elif isinstance(place, planning.Posture):
+        what = f"the posture with the tip at {where}"
     else:
         sort, count = place.kind, place.directions
         what = f"one {sort} at {where}, touched from {count} directions"
@@ -171,7 +188,9 @@ def _next_place(job: CalibrationJob) -> NextPlace:
     enough = stop.worthwhile == 0
     if enough:
         why += f", by less than {100 * stop.least_gain:.0f} %"
-    return NextPlace(sort, what, f"{why}.", enough, count, landmarks, place.position, rotation)
+    return NextPlace(
+        *(sort, what, f"{why}.", enough, count, landmarks, position, rotation, candidate.q[0])
+    )
 
 
 def _millimetres(size: float) -> str:

@@ -3,24 +3,32 @@
 from __future__ import annotations
 
 import zlib
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
+from suta_calib.acquisition.measuring import MeasureOptions
+from suta_calib.acquisition.touch_sequence import Station
+from suta_calib.arrays import FloatArray
+from suta_calib.device.device_file import device_text
+from suta_calib.emulation.accelerometer import COLUMNS, accelerometer
 from suta_calib.emulation.emulated import EmulatedDevice, EmulationOptions, emulated_device
 from suta_calib.emulation.emulated_arm import EmulatedArm
 from suta_calib.emulation.motion import Stops
+from suta_calib.emulation.stream import EMULATED
 from suta_calib.emulation.trajectories import posture_of
 from suta_calib.errors import JobError
 from suta_calib.geometry.numbers import wrap
 from suta_calib.job.outline import read_outline
 from suta_calib.job.standing_elsewhere import job_for_other_samples
+from suta_calib.measurements import write_text
 from suta_calib.model.arm import ArmModel
 from suta_calib.simulation import InverseKinematics, PoseSpec
 from suta_calib.simulation.noise import stream
+from suta_calib.terms import KINDS
 from suta_calib.units import shown
 
 
@@ -34,33 +42,64 @@ def job_to_try(job: Path) -> Path:
     return job_for_other_samples(job, job.parent / "emulated" / job.name)
 
 
+def emulated_sensors(measuring: MeasureOptions) -> Path:
+    """The ``device.yaml`` of the arm that will be emulated, for as long as it has no port.
+
+    Raises:
+        InputError: a job whose arm cannot be emulated.
+        OutputError: the file cannot be written.
+    """
+    device = emulated_device(replace(_sensors(measuring), motion="still")).emulation.device
+    file = measuring.job.parent / "device.yaml"
+    write_text(file, device_text(replace(device, port="emulated"), EMULATED))
+    return file
+
+
+def _sensors(measuring: MeasureOptions) -> EmulationOptions:
+    """The arm at rest: with an accelerometer on the tip where an observation is made of that."""
+    outline = read_outline(measuring.job)
+    tip, base = outline.one(measuring.chain)
+    named = " ".join(measuring.labels.values()) or measuring.repeat
+    seed = zlib.crc32(named.encode())
+    # Of the errors of the arm that is emulated.
+    options = EmulationOptions(outline.urdf(), tip, base, errors_seed=1, seed=seed)
+    kinds = [KINDS[row.kind] for row in outline.rows if row.kind in KINDS]
+    if measuring.free and any(kind.sent and {*kind.sent} <= {*COLUMNS} for kind in kinds):
+        # As a phone and a microcontroller send them together: as text, and not as often.
+        text_rate = 200.0
+        options = replace(options, form="lines", unit="rad", rate=text_rate)
+        options = replace(options, accelerometer=np.eye(3))
+    return options
+
+
 @contextmanager
 def emulated_arm(
-    job: Path,
-    labels: Mapping[str, str],
-    rests: int,
-    place: PoseSpec | None,
-    sequence: tuple[str, ...],
-) -> Iterator[Path]:
-    """Within it an arm is brought to the places of one label; gives its ``device.yaml``.
+    measuring: MeasureOptions, place: PoseSpec | None, left: Sequence[Station]
+) -> Iterator[tuple[Path, FloatArray]]:
+    """Within it an arm is brought to the places that are left to measure.
 
     It begins elsewhere, as an arm does that somebody takes up.
+
+    Yields:
+        Its ``device.yaml``, and its (rests, joints) true readings at these places.
 
     Raises:
         InputError: a job whose places cannot be emulated, or reached.
     """
-    outline = read_outline(job)
-    ((kind, label),) = labels.items()
-    # Of the errors of the arm that is emulated.
-    options = EmulationOptions(
-        outline.urdf(), script=job, errors_seed=1, seed=zlib.crc32(label.encode())
-    )
-    if kind == "placement":
-        options = replace(options, placements={label: place}, sequence=sequence)
+    options = replace(_sensors(measuring), directions=len(left))
+    if measuring.free:
+        found = emulated_device(replace(options, motion="postures"))
     else:
-        options = replace(options, directions=rests)
-        options = replace(options, points={label: place or _point_within_reach(options, label)})
-    emulation = _near_each_other(options).emulation
+        ((sort, label),) = measuring.labels.items()
+        options = replace(options, script=measuring.job, chain=measuring.chain)
+        if sort == "placement":
+            names = tuple(station.name for station in left)
+            options = replace(options, placements={label: place}, sequence=names)
+        else:
+            point = place or _point_within_reach(options, label)
+            options = replace(options, points={label: point})
+        found = _near_each_other(options)
+    emulation = found.emulation
     motion = emulation.motion
     assert isinstance(motion, Stops)
     away = motion.posture[0] + 0.1
@@ -70,8 +109,12 @@ def emulated_arm(
         labels=({}, *motion.labels),
         rounds=(len(motion.posture),),
     )
-    with EmulatedArm(replace(emulation, motion=taken_up), patient=True) as arm:
-        yield arm.write_device(job.parent / "device.yaml")
+    extra = None
+    if options.accelerometer is not None:
+        extra = accelerometer(found.arm, found.values, taken_up, seed=options.seed)
+    emulation = replace(emulation, motion=taken_up, extra=extra)
+    with EmulatedArm(emulation, patient=True) as arm:
+        yield arm.write_device(measuring.job.parent / "device.yaml"), motion.posture
 
 
 def _point_within_reach(options: EmulationOptions, label: str) -> PoseSpec:

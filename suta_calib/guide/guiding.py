@@ -26,11 +26,12 @@ from suta_calib.acquisition.session_events import (
     StationState,
 )
 from suta_calib.acquisition.touch_sequence import kinds_of, read_row
+from suta_calib.arrays import FloatArray
 from suta_calib.device.device_file import read_device
 from suta_calib.errors import DeviceError, InputError, JobError, SamplesError
 from suta_calib.guide.calibrating import GuidedCalibration
 from suta_calib.guide.determined import NextPlace, SoFar
-from suta_calib.guide.emulating import emulated_arm, job_to_try
+from suta_calib.guide.emulating import emulated_arm, emulated_sensors, job_to_try
 from suta_calib.guide.page import GuidePage, PageKeys
 from suta_calib.guide.work import Unanswered, Worker
 from suta_calib.measurements import Artefact
@@ -91,12 +92,11 @@ class Guide:
         if (measuring.device is None) != options.emulate:
             found = "neither" if measuring.device is None else "both"
             raise InputError(found, "one of --device device.yaml and --emulate")
-        if options.emulate and measuring.free:
-            raise InputError("--emulate with --free", "--emulate with places that are touched")
         if options.emulate:
             measuring = replace(measuring, job=job_to_try(measuring.job))
-        elif measuring.device is not None:
-            read_device(measuring.device)
+            measuring = replace(measuring, device=emulated_sensors(measuring))
+        assert measuring.device is not None
+        read_device(measuring.device)
         self._emulate, self._say, self._opened = options.emulate, say, opened
         self._options = replace(measuring, attended=True, resume=True)
         if not self._options.labels and not self._options.free:
@@ -111,7 +111,8 @@ class Guide:
         self._worst: Mark | None = None
         self._planned: NextPlace | None = None
         self._missing: tuple[str, ...] = ()
-        self._following: Mapping[str, str] = {}
+        self._following: MeasureOptions | None = None
+        self._goals: tuple[tuple[str, FloatArray], ...] = ()
         self._lines: list[str] = []
         self._drawn = 0.0
         self._doubted: set[str] = set()
@@ -147,19 +148,16 @@ class Guide:
                 if not self._after(measured):
                     return
 
-    @property
-    def _label(self) -> str:
-        """What is measured, in a word or two."""
-        return " ".join(self._options.labels.values()) or f"Repeat {self._options.repeat}"
-
     # ── measuring ───────────────────────────────────────────────────────────────────────────
     def _measure(self) -> Measured:
         """One session of `measure`, which is what the page shows."""
-        label = self._label
+        label = _label(self._options)
         self._planned, planned = None, self._planned
         self.page.show(
             phase="measuring", label=label, plan=None, verdict=None, buttons=_buttons(_MEASURING)
         )
+        if planned is not None:
+            self._arm.show_goal(planned.readings)
         with self._device(planned) as device:
             options = replace(self._options, device=device)
             keys = PageKeys(self.page)
@@ -168,17 +166,16 @@ class Guide:
     @contextmanager
     def _device(self, planned: NextPlace | None) -> Iterator[Path | None]:
         """The ``device.yaml``; of an emulated arm for as long as it is there."""
-        options = self._options
+        self._goals = ()
         if not self._emulate:
-            yield options.device
+            yield self._options.device
             return
         self._say("starting the emulated arm")
         place = None if planned is None else PoseSpec(planned.rotation, planned.position)
-        plan, left = stations_of(options)
-        sequence = tuple(s.name for s in left) if plan.artefact is not None else ()
-        with emulated_arm(
-            options.job, dict(options.labels), options.rests, place, sequence
-        ) as device:
+        _, left = stations_of(self._options)
+        with emulated_arm(self._options, place, left) as (device, postures):
+            if self._options.free:
+                self._goals = tuple(zip((s.name for s in left), postures, strict=True))
             yield device
 
     def _listen(self, event: SessionEvent) -> None:
@@ -191,7 +188,13 @@ class Guide:
                 self._artefact = event.plan.artefact
                 self._doubted = set()
                 self._seconds = event.seconds
-                self.page.show(how=event.plan.how, map=_map(event.plan.artefact), alert=None)
+                ask = (
+                    "Rest in a posture unlike the others"
+                    if self._options.free
+                    else "Bring the tip to"
+                )
+                self.page.show(ask=ask, how=event.plan.how, map=_map(event.plan.artefact))
+                self.page.show(alert=None)
             case Stations():
                 self._take_stations(event)
             case Live():
@@ -199,19 +202,32 @@ class Guide:
 
     def _take_stations(self, stations: Stations) -> None:
         before, self._stations = self._stations, stations
-        rows = [(s.name, s.status, s.doubt) for s in stations.states]
+        rows = [(_place(s.name), s.status, s.doubt) for s in stations.states]
         self.page.show(stations=rows)
         doubted = {state.name: state.doubt for state in stations.states if state.doubt}
         new = [name for name in doubted if name not in self._doubted]
         self._doubted = set(doubted)
+        changed = before is not None and _taken(before) != _taken(stations)
         if new:
-            self.page.show(alert=_alert(new[-1], doubted[new[-1]]))
-        elif stations.next in doubted or not doubted:
-            # It is being taken again, or all is well.
+            self.page.show(alert=_alert(_place(new[-1]), doubted[new[-1]]))
+        elif stations.next in doubted or changed or not doubted:
+            # It is being taken again, or it was left as it is, or all is well.
             self.page.show(alert=None)
         self._mark()
-        if before is not None and _taken(before) != _taken(stations):
+        if changed:
             self._worker.ask("determined", self._options.job)
+        if self._options.free:
+            self._show_goal(dict(self._goals).get(stations.next))
+            if not self._emulate:
+                self._worker.ask("posture", self._options.job)
+        elif changed:
+            self._arm.show_goal(None)
+
+    def _show_goal(self, readings: FloatArray | None) -> None:
+        """Where the arm is to go, if that is known."""
+        self._arm.show_goal(readings)
+        if readings is not None:
+            self.page.show(ask="Bring the arm to where the pink one is")
 
     def _draw(self, live: Live) -> None:
         now = time.monotonic()
@@ -260,16 +276,18 @@ class Guide:
     def _after(self, measured: Measured | None) -> bool:
         """What becomes of a session that has ended; whether another one follows."""
         self._missing = () if measured is None else measured.missing or ()
-        self._following = self._options.labels
-        label = self._label
+        label = _label(self._options)
         headline = f"{label} is complete"
         if self._missing:
-            headline = f"{len(self._missing)} not measured in {label}"
+            headline = f"{label}: {_few(self._missing)} missing"
+        if measured is not None and measured.look_at:
+            headline += f". Look at {_few(tuple(measured.look_at))} again"
         while True:
+            self._arm.show_goal(None)
             self._follow(next(iter(self._options.labels), ""))
             self.page.show(plan={"waiting": True}, phase="between", headline=headline, live=None)
             self._offer()
-            self._worker.ask("next", self._options.job)
+            self._worker.ask("posture" if self._options.free else "next", self._options.job)
             pressed = self._wait("next", "missing", "finish", "end")
             if pressed == "finish":
                 pressed = self._calibrate()
@@ -280,25 +298,27 @@ class Guide:
                 self._options = replace(self._options, sequence=sequence)
                 self._planned = None
                 return True
-            if pressed == "next":
-                if self._planned is not None and self._planned.sort not in self._following:
+            if pressed == "next" and self._following is not None:
+                if self._planned is not None and self._planned.sort not in _sort(self._following):
                     self._planned = None
-                planned = self._planned
-                rests = self._options.rests if planned is None else planned.count
-                rests = rests or self._options.rests
-                labels = self._following
-                self._options = replace(
-                    self._options, labels=labels, free=False, sequence=None, rests=rests
-                )
+                if self._planned is not None and self._planned.count:
+                    self._following = replace(self._following, rests=self._planned.count)
+                self._options = self._following
                 return True
 
     def _follow(self, sort: str) -> bool:
         """Offer a new place of this sort next, if the job has a row for one; whether it has."""
-        self._following = {}
+        options, self._following = replace(self._options, sequence=None), None
+        if options.free:
+            number = int(options.repeat) if options.repeat.isdecimal() else 1
+            repeats = (replace(options, repeat=str(k)) for k in count(number + 1))
+            self._following = next(each for each in repeats if stations_of(each)[1])
+            return not sort
         try:
-            self._following = next_label(self._options, sort, after=self._options.labels)
+            labels = next_label(options, sort, after=options.labels)
         except JobError:
             return False
+        self._following = replace(options, labels=labels)
         return True
 
     def _offer(self) -> None:
@@ -306,8 +326,8 @@ class Guide:
         offered = []
         if self._missing:
             offered.append(("missing", f"Measure {_few(self._missing)}"))
-        if self._following:
-            offered.append(("next", f"Measure {' '.join(self._following.values())}"))
+        if self._following is not None:
+            offered.append(("next", f"Measure {_label(self._following)}"))
         offered += [("finish", "Calibrate"), ("end", "End")]
         self.page.show(buttons=_buttons(offered))
 
@@ -335,12 +355,17 @@ class Guide:
 
     # ── answers of the other process ────────────────────────────────────────────────────────
     def _answered(self, what: str, answer: Any) -> None:
+        measuring = self.page.shown("phase") == "measuring"
         if isinstance(answer, SoFar):
             self._worst = Mark("", answer.worst_at, "worst")
             self.page.show(determined=_so_far(answer))
             self._mark()
+        elif what == "determined":
+            self.page.show(determined={"state": "Not yet: there are too few samples"})
         elif isinstance(answer, NextPlace):
-            if self.page.shown("phase") == "between":
+            if measuring and self._options.free:
+                self._show_goal(answer.readings)
+            elif self.page.shown("phase") == "between":
                 self._show_planned(answer)
         elif isinstance(answer, GuidedCalibration):
             self.page.link(answer.files)
@@ -350,7 +375,7 @@ class Guide:
         elif isinstance(answer, Unanswered) and what == "calibrated":
             self.page.show(verdict={"level": "bad", "word": "Not calibrated", "text": answer.why})
             self._say(answer.why)
-        elif what == "next":
+        elif what != "calibrated" and not measuring:
             why = answer.why if isinstance(answer, Unanswered) else "There are too few samples yet."
             self.page.show(plan={"head": "No best place was found", "why": why})
         if what == "calibrated":
@@ -359,6 +384,7 @@ class Guide:
     def _show_planned(self, planned: NextPlace) -> None:
         """The place that tells most, and a button that goes there."""
         self._planned, why = planned, planned.why
+        self._arm.show_goal(planned.readings)
         if not self._follow(planned.sort):
             kind = next(k.kind for k in KINDS.values() if k.place == planned.sort)
             why += f" The job has no row for it: add {{kind: {kind}, samples: '{kind}/*.csv'}} to "
@@ -422,6 +448,21 @@ def next_label(
     raise AssertionError
 
 
+def _label(options: MeasureOptions) -> str:
+    """What is measured, in a word or two."""
+    return " ".join(options.labels.values()) or f"Repeat {options.repeat}"
+
+
+def _sort(options: MeasureOptions) -> tuple[str, ...]:
+    """Of the place that is touched; an empty one where none is."""
+    return tuple(options.labels) or ("",)
+
+
+def _place(station: str) -> str:
+    """A station as the page calls it."""
+    return station.removeprefix("anywhere, ")
+
+
 def _buttons(offered: Any) -> list[dict[str, str]]:
     return [{"do": button, "label": label} for button, label in offered]
 
@@ -462,6 +503,8 @@ def _map(artefact: Artefact | None) -> list[list[Any]] | None:
 
 def _so_far(found: SoFar) -> dict[str, Any]:
     x, y, z = (f"{number:.0f}" for number in mm(found.worst_at))
+    done, all_of_them = sum(p.share >= 1 for p in found.parameters), len(found.parameters)
+    state = f"{done} of {all_of_them} parameters are determined"
     return {
         "parameters": [
             {
@@ -474,6 +517,7 @@ def _so_far(found: SoFar) -> dict[str, Any]:
         "tip": f"± {std_text(found.tip, 'm')}",
         "worst": f"± {std_text(found.worst, 'm')} at x {x}, y {y}, z {z} mm",
         "samples": found.samples,
+        "state": state if done else f"Not yet: {state}",
     }
 
 

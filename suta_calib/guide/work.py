@@ -20,11 +20,12 @@ from typing import Any, Final, Self
 
 from suta_calib.errors import SutaCalibError
 from suta_calib.guide.calibrating import calibrated
-from suta_calib.guide.determined import determined, next_place
+from suta_calib.guide.determined import determined, next_place, next_posture
 
 _TASKS: Final[dict[str, Callable[[Path], Any]]] = {
     "determined": determined,
     "next": next_place,
+    "posture": next_posture,
     "calibrated": calibrated,
 }
 
@@ -70,7 +71,7 @@ class Worker:
                 pipe.close()
 
     def ask(self, what: str, job: Path) -> None:
-        """Ask what a task finds about a job: ``determined``, ``next`` or ``calibrated``."""
+        """Ask what a task finds about a job: ``next``, …."""
         with self._wake:
             self._asked[what] = job
             self._wake.notify()

@@ -43,14 +43,18 @@ class ShownArm:
         api: of the server.
         drawn: the arm.
         solid: whether it is the one that is looked at; the other is seen through.
+        colour: of the other.
 
     Attributes:
         root, chain: names of its node, and of the lines'.
+        whole: its node.
     """
 
-    def __init__(self, api: viser.SceneApi, drawn: DrawnArm, *, solid: bool) -> None:
+    def __init__(
+        self, api: viser.SceneApi, drawn: DrawnArm, *, solid: bool, colour: Colour = NOMINAL
+    ) -> None:
         self.drawn, self.root = drawn, f"/{drawn.name}"
-        api.add_frame(self.root, show_axes=False)
+        self.whole = api.add_frame(self.root, show_axes=False)
         on_chain = {drawn.links[k] for k in drawn.bones.ravel()}
         self._links = [
             api.add_frame(
@@ -62,13 +66,13 @@ class ShownArm:
             for link in drawn.links
         ]
         for k, mesh in enumerate(drawn.meshes):
-            *colour, alpha = mesh.colour
+            red, green, blue, alpha = mesh.colour
             opacity = alpha / 255 * (1.0 if solid else 0.3)
             api.add_mesh_simple(
                 f"{self.node(mesh.link)}/shape_{k}",
                 mesh.vertices.astype(np.float32),
                 mesh.faces.astype(np.uint32),
-                color=(colour[0], colour[1], colour[2]) if solid else NOMINAL,
+                color=(red, green, blue) if solid else colour,
                 opacity=None if opacity == 1.0 else opacity,
                 flat_shading=True,
             )
@@ -76,7 +80,7 @@ class ShownArm:
         self._bones = api.add_line_segments(
             self.chain,
             np.zeros((len(drawn.bones), 2, 3)),
-            CALIBRATED if solid else NOMINAL,
+            CALIBRATED if solid else colour,
             # That of the other arm lies within.
             thickness=4.0 if solid else 2.0,
             thickness_units="screen",

@@ -12,7 +12,7 @@ from suta_calib.arrays import FloatArray
 from suta_calib.model.arm import ArmModel
 from suta_calib.simulation import InverseKinematics
 from suta_calib.view.access import Site
-from suta_calib.view.drawing import camera_view, draw_floor, spheres
+from suta_calib.view.drawing import ShownArm, camera_view, draw_floor, spheres
 from suta_calib.view.drawn_arm import DrawnArm
 from suta_calib.view.meshes import link_meshes
 from suta_calib.view.scene import ArmScene, Colour
@@ -56,6 +56,7 @@ class MeasuredArm:
         scene = ArmScene(title, (drawn,), InverseKinematics(arm, {}).middle)
         self._viewer = Viewer(scene, port, host, site)
         self._drawn: list[Any] = []
+        self._ghost: ShownArm | None = None
         self.seen = False
         # Of the arm's size: large enough to be found, small enough to be told apart.
         self._size = 0.008 * float(np.linalg.norm(np.ptp(scene.extent, axis=0)))
@@ -82,6 +83,18 @@ class MeasuredArm:
             draw_floor(self._viewer.server.scene, scene)
             self.seen = True
         self._viewer.move(q)
+
+    def show_goal(self, q: FloatArray | None) -> None:
+        """Show a second arm, seen through, at readings (joints,) to go to; None for nowhere."""
+        if self._ghost is None and q is not None:
+            drawn = replace(self._viewer.arms[0].drawn, name="goal")
+            api = self._viewer.server.scene
+            self._ghost = ShownArm(api, drawn, solid=False, colour=_COLOURS["planned"])
+        if self._ghost is not None:
+            with self._viewer.server.atomic():
+                self._ghost.whole.visible = q is not None
+                if q is not None:
+                    self._ghost.move(q)
 
     def mark(self, marks: Sequence[Mark]) -> None:
         """Show these places, and no others."""

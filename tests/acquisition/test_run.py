@@ -224,7 +224,7 @@ def test_going_back_replaces_the_sample_only_when_there_is_another(scene: Scene)
 
 def average_of(angles: FloatArray) -> Average:
     none = np.zeros(len(angles))
-    return Average(angles, none, none.astype(int), 100, 0.5)
+    return Average(angles, std=none, count=100, left_out=none, seconds=0.5)
 
 
 def test_a_touch_is_compared_with_every_earlier_one_of_its_place(scene: Scene) -> None:

@@ -14,6 +14,7 @@ import pytest
 from suta_calib.acquisition.measuring import Measured, MeasureOptions, stations_of
 from suta_calib.acquisition.session_events import Live, Opened, Said, Stations, StationState
 from suta_calib.assessment import Assessment
+from suta_calib.device.device_file import read_device
 from suta_calib.errors import DeviceError, InputError, JobError
 from suta_calib.guide import guiding
 from suta_calib.guide.calibrating import GuidedCalibration
@@ -27,7 +28,8 @@ SO_FAR = SoFar(
     (Determined("joint_2.offset", "rad", 1e-3, 2e-4, 0.8),), 2e-3, 4e-3, np.array([0.1, 0.2, 0]), 2
 )
 POINT = NextPlace(
-    "point", "one point", "Good.", False, 30, np.zeros((1, 3)), np.zeros(3), np.eye(3)
+    *("point", "one point", "Good.", False, 30, np.zeros((1, 3)), np.zeros(3), np.eye(3)),
+    np.zeros(6),
 )
 
 
@@ -221,17 +223,70 @@ def test_no_device_no_page(options: GuideOptions) -> None:
 
 
 def test_rests_anywhere(options: GuideOptions, monkeypatch: pytest.MonkeyPatch) -> None:
+    goals, asked = list[Any](), list[str]()
     monkeypatch.setattr(guiding, "Worker", Answering)
     free = replace(options, measuring=replace(options.measuring, free=True, rests=3))
-    with pytest.raises(InputError, match="--emulate with --free"):
-        Guide(replace(free, measuring=replace(free.measuring, device=None), emulate=True), print)
     guide = Guide(free, lambda _: None)
+    posture = replace(POINT, sort="", what="the posture with the tip at x = 0", count=0)
     monkeypatch.setattr(Answering, "page", guide.page)
-    monkeypatch.setattr(Answering, "presses", (("next", "end"),))
-    monkeypatch.setattr(guiding, "measure", session("taken taken taken"))
+    monkeypatch.setattr(Answering, "answers", {"posture": posture})
+    monkeypatch.setattr(Answering, "presses", (("posture", "end"),))
+    monkeypatch.setattr(guide._arm, "show_goal", lambda q: goals.append(q is not None))
+
+    def measure(options: MeasureOptions, listen: Any, **more: Any) -> Measured:
+        def heard(event: Any) -> None:
+            listen(event)
+            asked.append(guide.page.shown("ask"))
+
+        return session("next open open", "taken next open", "taken taken taken")(
+            options, listen=heard, **more
+        )
+
+    monkeypatch.setattr(guiding, "measure", measure)
     guide.run()
     assert guide.page.shown("label") == "Repeat 1"
-    assert len(guide.page.shown("stations")) == 3
+    assert [row[0] for row in guide.page.shown("stations")] == ["rest 1", "rest 2", "rest 3"]
+    # Nothing is known before; then a second arm shows where to go.
+    assert asked[:2] == [
+        "Rest in a posture unlike the others",
+        "Bring the arm to where the pink one is",
+    ]
+    assert goals[:2] == [False, True]
+    assert guide.page.shown("plan")["head"] == "Best next: the posture with the tip at x = 0"
+    assert guide.page.shown("buttons")[0]["label"] == "Measure Repeat 2"
+
+
+def test_an_arm_is_emulated_that_rests_anywhere(
+    job: Path, repository: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    job.write_text(
+        f"arm: {{urdf: {repository}/urdf/suta.urdf, tip: tip}}\n"
+        "parameters: [{select: ['joint_[2-5].offset'], bound_deg: 5}]\n"
+        "observations: [{kind: gravity, samples: 'tilts/*.csv'}]\n"
+    )
+    seen = dict[str, Any]()
+
+    def measure(options: MeasureOptions, listen: Any, **_: Any) -> Measured:
+        assert options.device is not None
+        spec = read_device(options.device)
+        plan, left = stations_of(options)
+        seen.update(device=spec, left=[station.name for station in left])
+        listen(Opened(plan, 2.0))
+        listen(Stations(tuple(StationState(s.name, "next") for s in left[:1]), {}))
+        return Measured("interrupted", Path("x.csv"), 0)
+
+    monkeypatch.setattr(guiding, "measure", measure)
+    monkeypatch.setattr(guiding, "Worker", Answering)
+    measuring = MeasureOptions(job, free=True, rests=4)
+    guide = Guide(GuideOptions(measuring, emulate=True, port=0), lambda _: None)
+    with pytest.raises(KeyboardInterrupt):
+        guide.run()
+    assert seen["device"].extra_columns == ("ax", "ay", "az")
+    assert Path(seen["device"].port).name == "port"
+    assert len(seen["left"]) == 4
+    # It goes where the second arm is.
+    assert guide.page.shown("ask") == "Bring the arm to where the pink one is"
+    assert not (job.parent / "device.yaml").exists()
 
 
 def test_a_device_or_an_emulated_one(options: GuideOptions) -> None:
