@@ -132,6 +132,7 @@ _WALLS: Final = (
     "C: {position_mm: [0, 900, 0], rotation_rpy_deg: [85, 5, 0]}}"
 )
 _LATER_PLANES: Final = _places("planes", "V", PER_CALIBRATION, turned=True, seed=1)
+_LATER_LINES: Final = _places("lines", "V", PER_CALIBRATION, turned=True, seed=1)
 KINDS: Final = {
     "tracked_point": Kind(f"samples: 60, {_INSTRUMENT}", f"samples: 200, {_INSTRUMENT}"),
     "pairwise_distance": Kind(
@@ -165,9 +166,9 @@ KINDS: Final = {
         "plane",
     ),
     "line": Kind(
-        f"directions: 25, {_PROBED}, {_places('lines', 'P', 5, turned=True)}",
-        f"directions: 12, {_PROBED}, {_places('lines', 'V', PER_CALIBRATION, turned=True, seed=1)}",
-        "probe_radius_mm: 5, ",
+        f"directions: 25, size_mm: 100, {_places('lines', 'P', 5, turned=True)}",
+        f"directions: 12, size_mm: 100, {_LATER_LINES}",
+        "",
         "line",
     ),
     "range": Kind(

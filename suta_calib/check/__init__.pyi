@@ -5,7 +5,9 @@ from .checking import FoundChange as FoundChange
 from .checking import FoundPower as FoundPower
 from .follow import Follow as Follow
 from .follow import FollowStep as FollowStep
+from .pose_answers import PoseAnswer as PoseAnswer
 from .read_back import ReadBack as ReadBack
+from .read_back import read_answer as read_answer
 from .read_back import read_back as read_back
 from .repair import Repair as Repair
 from .repair import can_repair as can_repair

@@ -13,6 +13,7 @@ import numpy as np
 from suta_calib import vision
 from suta_calib.assessment import refuse_unusable
 from suta_calib.check.checking import Checker
+from suta_calib.check.pose_answers import PoseAnswer, command_of, read_pose_answer
 from suta_calib.display import Displayable
 from suta_calib.errors import InputError, SamplesError
 from suta_calib.job.calibration import CalibrationJob
@@ -54,6 +55,11 @@ class ReadBack(Displayable):
     content: Mapping[str, Any]
     job: CalibrationJob
     checker: Checker
+
+    @property
+    def title(self) -> str:
+        """What is checked."""
+        return self.job.title
 
     def terms(
         self, files: Sequence[str | Path], like: str = "", board: Path | None = None
@@ -179,6 +185,25 @@ def _columns(file: Path) -> set[str]:
     return set(read_csv_table(file).columns)
 
 
+def read_answer(path: str | Path, *, anyway: bool = False) -> ReadBack | PoseAnswer:
+    """Read a result of a job, or one of poses alone: `read_back`, or `read_pose_answer`.
+
+    Args:
+        path: ``result.json``, or its folder.
+        anyway: take one that says of itself that it must not be used.
+
+    Raises:
+        InputError: as these.
+    """
+    path = Path(path)
+    file = path / "result.json" if path.is_dir() else path
+    content = read_json_object(file)
+    if "parameters" in content or (command := command_of(content)) is None:
+        return read_back(path, anyway=anyway)
+    refuse_unusable(content, file, anyway=anyway)
+    return read_pose_answer(command, content, file)
+
+
 def read_back(path: str | Path, *, anyway: bool = False) -> ReadBack:
     """Read a result, and the job that it was made from.
 
@@ -196,6 +221,8 @@ def read_back(path: str | Path, *, anyway: bool = False) -> ReadBack:
     parameters = content.get("parameters")
     if not isinstance(parameters, dict) or not isinstance(content.get("noise"), list):
         expected = "the result of suta-calib calibrate"
+        if command_of(content) is None:
+            expected += ", or of hand-eye, pivot or register from poses"
         raise InputError("a result that is not a calibration of an arm", expected, file=file)
     if content.get("status") != "converged":
         expected = "'converged': there is no calibration to check"

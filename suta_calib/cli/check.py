@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import click
@@ -12,7 +14,8 @@ from suta_calib.assessment import attempt
 from suta_calib.check import FALSE_ALARM, Check, Follow, can_repair, repaired
 from suta_calib.check.growing import about_file, growing
 from suta_calib.check.history import line_of, recall, remember
-from suta_calib.check.read_back import ReadBack, read_back
+from suta_calib.check.pose_answers import PoseAnswer
+from suta_calib.check.read_back import ReadBack, read_answer
 from suta_calib.cli._options import PATH, POSITIVE, FiniteRange, Folder, anyway_option, flag, option
 from suta_calib.cli._output import (
     answer_command,
@@ -25,6 +28,7 @@ from suta_calib.errors import InputError, SamplesError
 from suta_calib.report.check import check_document
 from suta_calib.report.document import Document
 from suta_calib.report.repair import repair_document
+from suta_calib.terms import Term
 
 
 @answer_command
@@ -59,9 +63,10 @@ def check(
     """Check whether a calibration is still right, by a few new rows.
 
     RESULT is the folder of a result, or its result.json. SAMPLES are new rows of a kind that the
-    job had; of pictures, the samples and the corners, or the samples and the pictures. What changed
-    is named: base, tip, instrument, camera, board, a placement, the zero of a joint, a link, the
-    scale. The exit code is 1 if something changed.
+    job had; of pictures, the samples and the corners, or the samples and the pictures. A result of
+    hand-eye, pivot or register from poses is checked by such files as that command reads. What
+    changed is named: base, tip, instrument, camera, board, a placement, the zero of a joint, a
+    link, the scale. The exit code is 1 if something changed.
 
     With --follow, SAMPLES is one file that grows, such as suta-calib measure writes it. The
     probability of a false alarm holds for all rows together, however many come.
@@ -70,11 +75,20 @@ def check(
         raise click.UsageError("--follow reads one file of samples, and repairs nothing")
     if repair and results_folder() is None:
         raise click.UsageError("--repair writes a whole new result: give its folder with --out")
-    written = read_back(result, anyway=anyway)
-    if follow:
-        answer = _followed(written, samples[0], like, Follow(written.checker, false_alarm), seconds)
+    written = read_answer(result, anyway=anyway)
+    if isinstance(written, PoseAnswer):
+        if like or board or repair or follow:
+            raise click.UsageError(
+                f"a result of {written.command.name} takes none of --like, --board, --repair and "
+                f"--follow: if it changed, run suta-calib {written.command.name} again"
+            )
+        read = written.terms
     else:
-        checking = written.checker.checking(written.terms(samples, like, board), false_alarm)
+        read = partial(written.terms, like=like, board=board)
+    if follow:
+        answer = _followed(read, samples[0], Follow(written.checker, false_alarm), seconds)
+    else:
+        checking = written.checker.checking(read(samples), false_alarm)
         answer = checking.run()
     folder, notes = written.file.parent, list[str]()
     if not no_history:
@@ -82,13 +96,13 @@ def check(
         # A folder that nobody may write to is checked all the same.
         attempt("written: the history", lambda: remember(folder, line), None, notes)
     answer = replace(answer, notes=(*answer.notes, *notes))
-    if repair and can_repair(answer):
+    if repair and can_repair(answer) and isinstance(written, ReadBack):
         return repair_document(repaired(checking, answer), written, samples)
-    return check_document(answer, written.job.title, recall(folder))
+    return check_document(answer, written.title, recall(folder))
 
 
 def _followed(
-    written: ReadBack, file: Path, like: str, follow: Follow, seconds: float | None
+    read: Callable[[Sequence[Path]], list[Term]], file: Path, follow: Follow, seconds: float | None
 ) -> Check:
     """What was found until something changed, or until somebody ended it."""
     quiet, said = click.get_current_context().params["as_json"], console()
@@ -96,7 +110,7 @@ def _followed(
     with ended_by_sigterm(), suppress(KeyboardInterrupt):
         for copy in growing(file, seconds):
             try:
-                (term,) = written.terms([copy], like)
+                (term,) = read([copy])
             except InputError as error:
                 raise about_file(error, copy, file) from None
             step, done = follow.add(term, done), len(term.poses)

@@ -16,6 +16,7 @@ from suta_calib.terms import KINDS, Term, first_kind
 # Files that state a problem of their own over measured poses, or offer the classes: what they use.
 BY_NAME = {
     "__init__.py": {"FixedPoint", "HandEye", "PairwiseDistance", "TouchedLandmark", "TrackedPoint"},
+    "check/pose_answers.py": {"FixedPoint", "HandEye", "TrackedPoint"},
     "pose_calibration/measured_markers.py": {"CameraView"},
     "pose_calibration/picture_causes.py": {"CameraView"},
     "pose_calibration/picture_models.py": {"CameraView"},
