@@ -163,8 +163,10 @@ class MotorMap(Displayable):
         if self.factor != 1.0:
             counts = round(self.device.counts_per_turn / self.factor)
             facts.append(f"A turn has {counts} counts, not {self.device.counts_per_turn}.")
-        if kept := [row.joint for row in self.joints if row.std is None]:
-            facts.append(f"The zero of {listed(kept)} does not show in these touches: it is kept.")
+        if without_zero := [row.joint for row in self.joints if row.std is None]:
+            facts.append(
+                f"The zero of {listed(without_zero)} does not show in these touches: it is kept."
+            )
         return Assessment.of(sentence, bad=bad, care=[*self._strange()], facts=facts)
 
     def _ambiguity(self, other: MotorOrder) -> str:
@@ -278,8 +280,8 @@ def _joints(
         spec, sign = specs[best.motors[k]], int(best.signs[k])
         turn = device.turns[device.names.index(spec.name)] / factor
         # The prior alone holds an offset that the touches do not show.
-        known = bool(stds[k] < 0.5 * OFFSET_STD)
-        offset = float(best.offsets[k]) if known else 0.0
+        has_zero = bool(stds[k] < 0.5 * OFFSET_STD)
+        offset = float(best.offsets[k]) if has_zero else 0.0
         signed = sign * spec.sign
         zero = spec.zero - signed * offset * turn / math.tau
         if device.unit == "counts":
@@ -292,7 +294,7 @@ def _joints(
             spec=replace(spec, name=joint, sign=signed, zero=zero, counts_per_turn=counts),
             turned=sign < 0,
             change=offset,
-            std=float(stds[k]) if known else None,
+            std=float(stds[k]) if has_zero else None,
             counts=(float(stated / (1 + gains[k])), float(stated * gain_stds[k])),
             lowest=float(angles[:, k].min()),
             highest=float(angles[:, k].max()),

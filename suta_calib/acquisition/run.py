@@ -132,14 +132,14 @@ class Run:
         """
         station = self.station
         try:
-            seen = self._see()
+            fields = self._see()
         except NothingSeenError as problem:
             self.last, self._last_labels = average.angles, None
             self.say(
                 f"{station.name}: no sample: the picture shows {problem.found}; move the arm on"
             )
             return
-        labels = {**station.labels, **average.cells, **seen}
+        labels = {**station.labels, **average.cells, **fields}
         row = self.file.put(labels, average.angles, self._rows.get(self.index))
         doubts = self._doubts(average)
         self._rows[self.index], self.last = row, average.angles

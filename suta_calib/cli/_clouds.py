@@ -57,9 +57,9 @@ def clouds_to_read(
     if reach is not None and not 0.0 <= reach[0] < reach[1]:
         raise click.UsageError("--range needs the nearest distance, then a larger one, in mm")
     near, far = (0.0, math.inf) if reach is None else reach
-    known = None if camera is None else read_camera(camera)
-    reader = CloudReader(unit, known, (from_mm(near), from_mm(far)))
-    found = find_clouds(clouds, reader.suffixes)
-    given = [*found.values()] if camera is None else [*found.values(), camera]
+    intrinsics = None if camera is None else read_camera(camera)
+    reader = CloudReader(unit, intrinsics, (from_mm(near), from_mm(far)))
+    cloud_files = find_clouds(clouds, reader.suffixes)
+    given = [*cloud_files.values()] if camera is None else [*cloud_files.values(), camera]
     check_outputs([out] if out else [], given)
-    return reader, found
+    return reader, cloud_files

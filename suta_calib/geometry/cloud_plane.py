@@ -276,8 +276,8 @@ def _noise(away: FloatArray, off: FloatArray, sigma: FloatArray) -> tuple[float,
     parts = [rows for rows in parts if len(rows) >= FEWEST // groups]
     r = np.array([np.median(away[rows]) for rows in parts])
     # Of a normal distribution half of all are within 0.6745 standard deviations.
-    found = np.array([np.median(np.abs(off[rows])) / 0.6745 for rows in parts])
+    noise = np.array([np.median(np.abs(off[rows])) / 0.6745 for rows in parts])
     # Exact points, or whole millimetres, scatter by nothing about some planes.
-    found = np.maximum(found, 1e-5 * r)
-    a, b = nnls(np.column_stack([1.0 / found, r**2 / found]), np.ones(len(parts)))[0]
+    noise = np.maximum(noise, 1e-5 * r)
+    a, b = nnls(np.column_stack([1.0 / noise, r**2 / noise]), np.ones(len(parts)))[0]
     return (float(a), float(b)) if len(parts) else (0.0, float(np.median(sigma / away**2)))

@@ -92,12 +92,12 @@ def circle_in(points: FloatArray, largest: float = np.inf) -> Circle | None:
     best, votes = None, 0
     # Some at a time: of a long profile all take much memory.
     for first in range(0, len(centre), 64):
-        some, of_some = centre[first : first + 64], radius[first : first + 64]
-        away = np.linalg.norm(voters - some[:, None], axis=2) - of_some[:, None]
+        centres, of_some = centre[first : first + 64], radius[first : first + 64]
+        away = np.linalg.norm(voters - centres[:, None], axis=2) - of_some[:, None]
         count = np.sum(np.abs(away) < near, axis=1)
         k = int(np.argmax(count))
         if count[k] > votes:
-            best, votes = (some[k], float(of_some[k])), int(count[k])
+            best, votes = (centres[k], float(of_some[k])), int(count[k])
     if best is None or votes < enough:
         return None
     c, r = best
@@ -135,8 +135,8 @@ def line_in(points: FloatArray) -> PlanarLine | None:
     voters, enough = _voters(points)
     best, votes = None, 0
     for first in range(0, len(start), 64):
-        some = slice(first, first + 64)
-        away = np.einsum("mni,mi->mn", voters - start[some, None], normal[some])
+        batch = slice(first, first + 64)
+        away = np.einsum("mni,mi->mn", voters - start[batch, None], normal[batch])
         count = np.sum(np.abs(away) < near, axis=1)
         k = int(np.argmax(count))
         if count[k] > votes:
@@ -194,7 +194,7 @@ def _voters(points: FloatArray) -> tuple[FloatArray, float]:
 
 def _spread_rows(n: int, count: int) -> IntArray:
     """(m, count) rows at equal steps, for candidates."""
-    found = []
+    row_sets = []
     # Candidates are through points that are so large a part of the profile apart.
     for part in (0.02, 0.04, 0.08, 0.15, 0.3, 0.45):
         step = max(int(part * n), 2)
@@ -203,8 +203,8 @@ def _spread_rows(n: int, count: int) -> IntArray:
             continue
         # First points of candidates, per step.
         first = np.unique(np.linspace(0, last, min(80, last + 1)).astype(np.intp))
-        found.append(first[:, None] + step * np.arange(count))
-    return np.concatenate(found) if found else np.zeros((0, count), dtype=np.intp)
+        row_sets.append(first[:, None] + step * np.arange(count))
+    return np.concatenate(row_sets) if row_sets else np.zeros((0, count), dtype=np.intp)
 
 
 def _through(points: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -89,20 +89,20 @@ def _numbers(table: CsvTable, name: str) -> FloatArray:
     cells = table.cells(name)
     if not any(cell.lower() in _NOTHING for cell in cells):
         return table.numbers(name)
-    seen = np.array([cell.lower() not in _NOTHING for cell in cells])
+    written = np.array([cell.lower() not in _NOTHING for cell in cells])
     values = np.full(len(cells), np.nan)
-    columns = {name: tuple(cell for cell, there in zip(cells, seen, strict=True) if there)}
-    lines = tuple(line for line, there in zip(table.lines, seen, strict=True) if there)
-    values[seen] = CsvTable(table.path, columns, table.header_line, lines).numbers(name)
+    columns = {name: tuple(cell for cell, there in zip(cells, written, strict=True) if there)}
+    lines = tuple(line for line, there in zip(table.lines, written, strict=True) if there)
+    values[written] = CsvTable(table.path, columns, table.header_line, lines).numbers(name)
     return values
 
 
 def _checked(scan: NDArray[np.str_], point: FloatArray, path: Path | None) -> Profiles:
     """The points that were seen, of a size that they can have."""
-    seen = np.isfinite(point).all(axis=1) & point.any(axis=1)
-    if not seen.any():
+    valid = np.isfinite(point).all(axis=1) & point.any(axis=1)
+    if not valid.any():
         raise SamplesError("no point", "points x, z of what was seen", file=path, where="profiles")
-    scan, point = scan[seen], point[seen]
+    scan, point = scan[valid], point[valid]
     if (largest := float(np.abs(point).max())) > LONGEST:
         row = int(np.argmax(np.abs(point).max(axis=1)))
         raise SamplesError(

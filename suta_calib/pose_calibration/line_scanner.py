@@ -166,9 +166,9 @@ def calibrate_line_scanner(
     names, pixels = poses.samples.labels["scan"], poses.samples.pixels
     assert pixels is not None
     points = [p[np.isfinite(p).all(axis=1)] for p in pixels]
-    what, each = ("plane", 2) if plane else ("ball", 3)
+    what, per_scan = ("plane", 2) if plane else ("ball", 3)
     unknowns = 9 + (not plane and radius is None)
-    least = -(-unknowns // each) + 1
+    least = -(-unknowns // per_scan) + 1
     if len(names) < least:
         raise SamplesError(
             f"{len(names)} scans that show the {what}",
@@ -181,9 +181,9 @@ def calibrate_line_scanner(
     _refuse_open(fit, what)
     notes, wrong = [f"{lost}."] if lost else [], list[str]()
     explained = causes(fit, names.tolist())
-    if not robust and (apart := fit_scans(model)).outliers:
-        explained = causes(apart, names.tolist())
-        named = listed([str(names[k]) for k in apart.outliers])
+    if not robust and (at_once := fit_scans(model)).outliers:
+        explained = causes(at_once, names.tolist())
+        named = listed([str(names[k]) for k in at_once.outliers])
         wrong.append(f"Of the scans, {named} contradict the others. Solve without --no-robust.")
     notes += explained
     if isinstance(model, BallModel) and radius is not None:
@@ -284,15 +284,15 @@ def _other_radius(fit: ScanFit, model: BallModel, radius: float) -> _Radius:
     rows = np.flatnonzero(fit.inliers).astype(np.intp)
     unknown = BallModel(model.hand, model.arcs, None, model.scatter).take(rows)
     free = fit_scans(unknown, robust=False)
-    found, std = float(unknown.size(free.state)[0]), float(np.sqrt(free.covariance[9, 9]))
-    off = abs(found - radius)
+    fitted, std = float(unknown.size(free.state)[0]), float(np.sqrt(free.covariance[9, 9]))
+    off = abs(fitted - radius)
     # A hundredth changes little, and is within what arcs are told to.
     # Standard deviations by which the radius that fits best may differ from the one that is said.
     if free.freedom < 3 or off < max(4.0 * std, 0.01 * radius):
         return _Radius()
-    doubled = " Is it the diameter?" if abs(found / radius - 0.5) < 0.1 else ""
+    doubled = " Is it the diameter?" if abs(fitted / radius - 0.5) < 0.1 else ""
     sentence = (
-        f"sphere_radius_mm is {mm(radius):g}, but the scans fit a ball of {mm(found):.2f} ± "
+        f"sphere_radius_mm is {mm(radius):g}, but the scans fit a ball of {mm(fitted):.2f} ± "
         f"{mm(std):.2f} mm radius.{doubled} Correct it, or leave it out: it is found then."
     )
     return _Radius((sentence,), off > 0.1 * radius)

@@ -204,8 +204,8 @@ def fit_loops(
         return replace(again, not_found=(*lost, *again.not_found))
     failed = list[str]()
     shared = share_hand(fit, noise, -centre / length, floors) if eyes > 1 else None
-    alike = 1.0 if shared is None else shared.rows_alike
-    answer = fit.examined(length, "pairs", sight.called(setup), numbers, sight.seen_by, alike)
+    rows_alike = 1.0 if shared is None else shared.rows_alike
+    answer = fit.examined(length, "pairs", sight.called(setup), numbers, sight.seen_by, rows_alike)
     weighed = weigh(answer, failed)
     far = next((f for f in weighed if f.hypothesis.name == DepthScale.name), None)
     explained: tuple[FloatArray, ...] = ()
@@ -310,11 +310,11 @@ def _not_found(
     Raises:
         SamplesError: there is only one eye, and it is open.
     """
-    found = list[NotFound]()
+    missing = list[NotFound]()
     for role, names, which in sight.sides:
         agreeing = np.bincount(which, fit.inliers, len(names))
         unseen = np.flatnonzero(agreeing == 0)
-        found += [NotFound(role, names[k], int(np.sum(which == k))) for k in unseen]
+        missing += [NotFound(role, names[k], int(np.sum(which == k))) for k in unseen]
     for k, (name, owner) in enumerate(zip(sight.eyes, sight.owners()[0], strict=True)):
         sees = sight.together.eye == k
         part = next(part for part in sight.parts if (part & sees).any())
@@ -323,8 +323,8 @@ def _not_found(
         if sight.one:
             refuse_undetermined(fit.solution, owner, "X", ADVICE, axis, made_by_noise[k])
         elif directions := undetermined_directions(fit.solution, owner, made_by_noise[k], axis):
-            found.append(NotFound("eye", name, int(sees.sum()), tuple(directions)))
-    return found
+            missing.append(NotFound("eye", name, int(sees.sum()), tuple(directions)))
+    return missing
 
 
 def _looking_at(lost: Sequence[NotFound], sight: Sight) -> BoolArray:
@@ -340,12 +340,12 @@ def _without_partners(sight: Sight, rest: Sight, lost: Sequence[NotFound]) -> li
     named = {(role, name) for role, names, _ in rest.sides for name in names}
     named |= {(one.role, one.name) for one in lost}
     vanished, sides = list[NotFound](), sight.sides
-    for (role, names, which), (_, others, partner) in zip(sides, sides[::-1], strict=True):
+    for (role, names, which), (_, other_names, partner) in zip(sides, sides[::-1], strict=True):
         for k, name in enumerate(names):
             if (role, name) in named:
                 continue
             rows = which == k
-            partners = tuple(others[p] for p in np.unique(partner[rows]).tolist())
+            partners = tuple(other_names[p] for p in np.unique(partner[rows]).tolist())
             vanished.append(NotFound(role, name, int(rows.sum()), (), partners))
     return vanished
 

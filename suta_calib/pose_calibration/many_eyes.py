@@ -199,8 +199,7 @@ class ManyEyesCalibration(LoopAnswer):
     def _inverted(self) -> str:
         """That the poses seem to be inverted, which exchanges X and Z; empty if not."""
         near, far = (
-            [np.linalg.norm(one.pose[:3, 3]) for one in found]
-            for found in (self.eyes, self.targets)
+            [np.linalg.norm(one.pose[:3, 3]) for one in side] for side in (self.eyes, self.targets)
         )
         held, standing = (near, far) if self.setup == EYE_IN_HAND else (far, near)
         std = max(float(np.linalg.norm(one.std6[:3])) for one in (*self.eyes, *self.targets))

@@ -34,8 +34,8 @@ def measured_markers(
     if not isinstance(board, SurveyedMarkers):
         return None
     index = {name: k for k, name in enumerate(names)}
-    found = board.at(term.sees_board, dict(zip(names, x.tolist(), strict=True)))
-    markers = dict(found.markers)
+    measured_board = board.at(term.sees_board, dict(zip(names, x.tolist(), strict=True)))
+    markers = dict(measured_board.markers)
     lengths: list[int] = []
     for number in board.estimated:
         owner, marker = marker_owner(number, term.sees_board), markers[number]

@@ -144,8 +144,8 @@ def hand_eye_from_pictures(
     if len(refusals) == len(terms):
         raise refusals[0]
     not_found, more_left_out = _not_found(views, agreeing)
-    found = [k for k, good in enumerate(agreeing) if not isinstance(good, UndeterminedError)]
-    views, terms = [views[k] for k in found], [terms[k] for k in found]
+    determined = [k for k, good in enumerate(agreeing) if not isinstance(good, UndeterminedError)]
+    views, terms = [views[k] for k in determined], [terms[k] for k in determined]
     good_ones = [good for good in agreeing if not isinstance(good, UndeterminedError)]
     solution, believed = _settled(terms, good_ones, robust)
     for term in terms:
@@ -198,13 +198,13 @@ def _not_found(
 ) -> tuple[tuple[NotFound, ...], list[str]]:
     """Cameras whose pictures leave X open; notes on boards that one camera of several saw so."""
     both = [*zip(views, agreeing, strict=True)]
-    known = {view.label for view, good in both if not isinstance(good, UndeterminedError)}
+    determined = {view.label for view, good in both if not isinstance(good, UndeterminedError)}
     lost, notes = dict[str, NotFound](), list[str]()
     for view, opened in both:
         if not isinstance(opened, UndeterminedError):
             continue
         count = len(view.corners.images)
-        if view.label in known:
+        if view.label in determined:
             notes.append(
                 f"The {count} pictures that camera {view.label} took of target {view.target} are "
                 f"left out: they leave X open, which may {' and '.join(opened.directions)}."

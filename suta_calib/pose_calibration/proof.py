@@ -74,9 +74,9 @@ def _proof(answer: RobustAnswer) -> Optimality:
         return _of_points(solution, term, length)
     assert isinstance(term, HandEye)
     vectors = len(term.poses) * len(term.blocks)
-    found = _of_poses(solution, loop_rows(solution, term), length, vectors, "X and Z")
+    minimum = _of_poses(solution, loop_rows(solution, term), length, vectors, "X and Z")
     shared = isinstance(answer, ManyEyesCalibration) and answer.noise is not None
-    return replace(found, held="the weights and the hand's errors") if shared else found
+    return replace(minimum, held="the weights and the hand's errors") if shared else minimum
 
 
 def _of_poses(

@@ -101,8 +101,8 @@ class RigCalibration:
     @cached_property
     def others(self) -> tuple[PoseBetween, ...]:
         """Every other camera in the first one."""
-        first, *others = (camera.name for camera in self.cameras)
-        return tuple(self.between(first, other) for other in others)
+        first, *rest = (camera.name for camera in self.cameras)
+        return tuple(self.between(first, other) for other in rest)
 
     @cached_property
     @judged

@@ -229,12 +229,12 @@ class PairedHandEye(HandEye):
 
     def owners(self, poses: PoseSource) -> tuple[Owners, Owners]:
         """Of every row, among all that there are."""
-        found = super().owners(poses)
+        by_owner = super().owners(poses)
         if self.every is None:
-            return found
+            return by_owner
         eyes, targets = (
             Owners([*names], np.array([names.index(n) for n in owners.names])[owners.which])
-            for owners, names in zip(found, self.every, strict=True)
+            for owners, names in zip(by_owner, self.every, strict=True)
         )
         return eyes, targets
 

@@ -121,15 +121,16 @@ class _Fitted:
 
     def __init__(self, rows: _Rows, variances: _Variances) -> None:
         self._rows, self._variances = rows, variances
-        own = variances.of_rows(rows.eye)[..., None]
+        of_eye = variances.of_rows(rows.eye)[..., None]
         scaled = rows.by_hand * np.sqrt(variances.of_hand)
-        over = scaled / own
+        over = scaled / of_eye
         inner = rows.sums(np.swapaxes(scaled, 1, 2) @ over)
         self._inner = np.linalg.inv(np.eye(OF_HAND) + inner)
         both = np.concatenate([rows.jacobian, rows.residual[..., None]], axis=2)
-        self._scaled, self._over, self._own = scaled, over, own
+        self._scaled, self._over, self._own = scaled, over, of_eye
         weighed = (
-            both / own - over @ (self._inner @ rows.sums(np.swapaxes(over, 1, 2) @ both))[rows.rest]
+            both / of_eye
+            - over @ (self._inner @ rows.sums(np.swapaxes(over, 1, 2) @ both))[rows.rest]
         )
         self.weighed = weighed[..., :-1]
         flat, unknowns = rows.jacobian.reshape(-1, both.shape[2] - 1), both.shape[2] - 1
@@ -146,21 +147,21 @@ class _Fitted:
         freedom -= np.sum((taken @ self.covariance) * taken, axis=(0, 2))
         power = np.sum(self.of_rests**2, axis=0)
         hand = now.hand * _ratio(power.reshape(AXES, -1).sum(1), freedom.reshape(AXES, -1).sum(1))
-        own = self._own[..., 0]
+        of_eye = self._own[..., 0]
         spread = self._over @ self._inner[rows.rest]
-        kept = 1.0 - own * np.sum(spread * self._over, axis=2)
-        kept -= own * np.sum((self.weighed @ self.covariance) * self.weighed, axis=2)
-        squares = (own * self.left) ** 2
+        redundancy = 1.0 - of_eye * np.sum(spread * self._over, axis=2)
+        redundancy -= of_eye * np.sum((self.weighed @ self.covariance) * self.weighed, axis=2)
+        squares = (of_eye * self.left) ** 2
         count = len(now.eyes)
-        each = [
+        by_eye = [
             summed(part.reshape(len(part), 2, AXES).sum(axis=2), rows.eye, count)
-            for part in (squares, kept)
+            for part in (squares, redundancy)
         ]
         # Few numbers of an eye say nothing of the others.
-        told = each[1].min(axis=1) >= BELIEVED
-        of_each = _ratio(*each)[told] if told.any() else now.eyes
+        enough = by_eye[1].min(axis=1) >= BELIEVED
+        of_each = _ratio(*by_eye)[enough] if enough.any() else now.eyes
         typical = np.exp(np.mean(np.log(of_each), axis=0))
-        return _Variances(hand, (each[0] + BELIEVED * typical) / (each[1] + BELIEVED))
+        return _Variances(hand, (by_eye[0] + BELIEVED * typical) / (by_eye[1] + BELIEVED))
 
 
 def _ratio(power: FloatArray, freedom: FloatArray) -> FloatArray:
@@ -193,7 +194,7 @@ def share_hand(
     solution, free = fit.solution, fit.solution.free
     problem = Problem([term])
     x = solution.x.copy()
-    known = np.hstack([*explained]) if explained else 0.0
+    explained_part = np.hstack([*explained]) if explained else 0.0
 
     R, p = term.poses.at(solution.values)
     about = skew(p - base)
@@ -208,7 +209,7 @@ def share_hand(
         jacobian = np.concatenate(
             [r.jacobian.reshape(len(rows), AXES, -1)[:, :, free] for r in lines], axis=1
         )
-        residual = np.hstack([r.line.residual for r in lines]) - known
+        residual = np.hstack([r.line.residual for r in lines]) - explained_part
         return _Rows(residual, jacobian, by_hand, rests, eye)
 
     true = _most_likely(at(x), fit)
@@ -240,8 +241,8 @@ def share_hand(
     of_hand = np.array([place, turn + about_base])
     shared = float(np.max(of_hand / (of_hand + np.mean(true.eyes[eye], axis=0))))
     together = np.bincount(rests)
-    alike = 1.0 + (float(np.mean(together[rests])) - 1.0) * shared
-    return SharedHand(settled, covariance, np.sqrt(np.vstack([of_hand, true.eyes])), alike)
+    inflation = 1.0 + (float(np.mean(together[rests])) - 1.0) * shared
+    return SharedHand(settled, covariance, np.sqrt(np.vstack([of_hand, true.eyes])), inflation)
 
 
 def _by_pose(line: Linearised) -> FloatArray:
@@ -285,8 +286,8 @@ def _spread(
     if count > MOST_ROWS:
         pulls = rows.sums(np.einsum("nap,na->np", rows.jacobian, fitted.left))
         return np.asarray(bread @ (pulls.T @ pulls) @ bread)
-    own = true.of_rows(rows.eye)
-    of_eyes = fitted.weighed * np.sqrt(own)[..., None]
+    of_eye = true.of_rows(rows.eye)
+    of_eyes = fitted.weighed * np.sqrt(of_eye)[..., None]
     flat = of_eyes.reshape(-1, unknowns)
     first = np.unique(rows.rest, return_index=True)[1]
     space = embedded(*(part[first] for part in hand))
@@ -305,17 +306,17 @@ def _spread(
     if n > MOST_ROWS:
         return independent
     # What one eye sees in like places, another does not.
-    seen = term.poses.samples
-    assert seen.rotation is not None
-    assert seen.position is not None
+    samples = term.poses.samples
+    assert samples.rotation is not None
+    assert samples.position is not None
     # Distance, in units in which 1 is far, of what two eyes see.
     by_eye = 30.0 * np.eye(len(true.eyes))[rows.eye]
-    sight = np.hstack([embedded(seen.rotation, seen.position), by_eye])
-    unit = np.sqrt(own)
-    each = np.arange(n, dtype=np.intp)
+    sight = np.hstack([embedded(samples.rotation, samples.position), by_eye])
+    unit = np.sqrt(of_eye)
+    every_row = np.arange(n, dtype=np.intp)
     white = of_eyes, fitted.left * unit
     return independent + common_covariance(
-        *(*white, np.ones(WAYS), bread, [sight], each, each, (AXES, AXES))
+        *(*white, np.ones(WAYS), bread, [sight], every_row, every_row, (AXES, AXES))
     )
 
 
@@ -333,24 +334,28 @@ def _beliefs(
     count = len(space)
     # Rests of which it is asked whether neighbours err alike.
     chosen = np.unique(np.linspace(0, count - 1, min(count, 45)).astype(np.intp))
-    some, at = rows.of_rests(chosen), np.ix_(chosen, chosen)
-    own = true.of_rows(some.eye)[..., None]
-    both = np.concatenate([some.jacobian, some.residual[..., None]], axis=2)
-    scaled = some.by_hand * np.sqrt(true.of_hand)
-    over = np.swapaxes(scaled / own, 1, 2)
-    inner, of_hand = some.sums(over @ scaled), some.sums(over @ both)
+    chosen_rows, at = rows.of_rests(chosen), np.ix_(chosen, chosen)
+    of_eye = true.of_rows(chosen_rows.eye)[..., None]
+    both = np.concatenate([chosen_rows.jacobian, chosen_rows.residual[..., None]], axis=2)
+    scaled = chosen_rows.by_hand * np.sqrt(true.of_hand)
+    over = np.swapaxes(scaled / of_eye, 1, 2)
+    inner, of_hand = chosen_rows.sums(over @ scaled), chosen_rows.sums(over @ both)
     flat = both.reshape(-1, both.shape[2])
-    plain = flat.T @ (both / own).reshape(flat.shape)
-    found = [
-        (np.log(prior) + _restricted(inner, of_hand, plain, part, len(flat), group), prior, whole)
-        for prior, part, whole in _shapes(space, at)
+    plain = flat.T @ (both / of_eye).reshape(flat.shape)
+    likelihoods = [
+        (
+            np.log(prior) + _restricted(inner, of_hand, plain, part, len(flat), group),
+            prior,
+            covariance,
+        )
+        for prior, part, covariance in _shapes(space, at)
     ]
-    most = max(likelihood for likelihood, _, _ in found)
-    beliefs = np.exp([likelihood - most for likelihood, _, _ in found])
-    for belief, (_, _, whole) in zip(beliefs / beliefs.sum(), found, strict=True):
+    most = max(likelihood for likelihood, _, _ in likelihoods)
+    beliefs = np.exp([likelihood - most for likelihood, _, _ in likelihoods])
+    for belief, (_, _, covariance) in zip(beliefs / beliefs.sum(), likelihoods, strict=True):
         # Less than this adds nothing to a standard deviation.
         if belief > 1e-3:
-            yield float(belief), whole
+            yield float(belief), covariance
 
 
 def _shapes(
@@ -359,8 +364,8 @@ def _shapes(
     """Prior probability, and correlation of some rests and of all, of what neighbours may share."""
     for prior, shape, parts in kernels([space], None, len(space)):
         for part in parts:
-            whole = (1.0 - part) * np.eye(len(space)) + part * shape
-            yield prior, whole[at], whole
+            covariance = (1.0 - part) * np.eye(len(space)) + part * shape
+            yield prior, covariance[at], covariance
 
 
 def _restricted(
@@ -398,11 +403,11 @@ def _restricted(
     information, pull = left[:-1, :-1], left[:-1, -1]
     unit = 1.0 / np.sqrt(np.maximum(np.diag(information), 1e-300))
     values, axes = np.linalg.eigh(information * np.outer(unit, unit))
-    told = values > 1e-10 * values[-1]
-    along = (axes.T @ (unit * pull))[told]
-    power = max(float(left[-1, -1] - np.sum(along**2 / values[told])), 1e-300)
-    freedom = max(numbers - int(told.sum()), 1)
-    determinants = 2.0 * np.log(np.diag(triangle)).sum() + np.log(values[told]).sum()
+    determined = values > 1e-10 * values[-1]
+    along = (axes.T @ (unit * pull))[determined]
+    power = max(float(left[-1, -1] - np.sum(along**2 / values[determined])), 1e-300)
+    freedom = max(numbers - int(determined.sum()), 1)
+    determinants = 2.0 * np.log(np.diag(triangle)).sum() + np.log(values[determined]).sum()
     # In units in which an unknown is told as well by all: what they are does not matter.
     determinants -= 2.0 * np.log(np.where(unit < 1e149, unit, 1.0)).sum()
     return -0.5 * float(determinants + freedom * np.log(power))

@@ -208,8 +208,8 @@ def _parameters(result: Calibration) -> Iterator[Part]:
             partial(_svg, "changes_svg", changes, "parameter-changes"),
             "Change from nominal, ± one standard deviation",
         )
-    found = [row for row in of_terms if row.change is not None]
-    yield PARAMETERS.of(found, f"Unknowns of the observations ({len(found)})", folded=True)
+    changed = [row for row in of_terms if row.change is not None]
+    yield PARAMETERS.of(changed, f"Unknowns of the observations ({len(changed)})", folded=True)
 
 
 def _largest_changes(arm: Sequence[Outcome]) -> Iterator[str]:

@@ -219,8 +219,8 @@ def _noise_record(noise: Sequence[float]) -> Json:
 
 def _between(calibration: ManyEyesCalibration) -> Iterator[PoseBetween]:
     """Every eye in the first one."""
-    first, *others = calibration.sight.eyes
-    for other in others:
+    first, *rest = calibration.sight.eyes
+    for other in rest:
         yield PoseBetween(other, first, *calibration.relative(first, other))
 
 

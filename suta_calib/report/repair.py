@@ -151,11 +151,11 @@ def _renewed_records(
     records: Any, old: Mapping[str, Any], again: Sequence[str]
 ) -> Mapping[str, Mapping[str, Any]]:
     """New records of parameters by name, with what only the calibration knows of them."""
-    kept = ("prior", "bounds", "given")
+    fields = ("prior", "bounds", "given")
     return {
         name: {
             **record,
-            **{k: v for k, v in old.get(name, {}).items() if k in kept and name not in again},
+            **{k: v for k, v in old.get(name, {}).items() if k in fields and name not in again},
         }
         for name, record in records.items()
         if record.get("std") is not None or name in again or name not in old

@@ -44,10 +44,10 @@ def write_simulation(simulation: Simulation, folder: Path) -> list[Path]:
     """
     folder = Path(folder)
     _check_readme(folder / "README.md")
-    seen = [each for file in simulation.files for each in (file.corners, file.profiles) if each]
+    detected = [each for file in simulation.files for each in (file.corners, file.profiles) if each]
     written = [
         *(file.path for file in simulation.files),
-        *(name for name, _ in seen),
+        *(name for name, _ in detected),
         *("truth.yaml", "README.md"),
     ]
     # Before the first of them is written.
@@ -66,7 +66,7 @@ def write_simulation(simulation: Simulation, folder: Path) -> list[Path]:
         except OSError as problem:
             raise OutputError(f"{path.parent}: not created: {problem.strerror}") from problem
         write_samples(path, file.samples)
-    for name, content in seen:
+    for name, content in detected:
         (folder / name).parent.mkdir(parents=True, exist_ok=True)
         if isinstance(content, Profiles):
             write_profiles(folder / name, content)

@@ -226,7 +226,7 @@ def own_values(plan: SetSpec, term: Term) -> dict[str, float]:
     stated = {frame.key: plan.frames.get(frame.key, here) for frame in term.frames}
     there = {**plan.marks, **(plan.places if term.place_unknown else {})}
     for key, pose in {**stated, **there}.items():
-        whole = key in stated or term.mark or term.place_turns
-        known = GivenPose(pose.position, pose.rotation if whole else None)
-        values |= {name: prior.value for name, prior in term.prior_from_pose(key, known).items()}
+        full = key in stated or term.mark or term.place_turns
+        given = GivenPose(pose.position, pose.rotation if full else None)
+        values |= {name: prior.value for name, prior in term.prior_from_pose(key, given).items()}
     return values

@@ -261,8 +261,8 @@ class CameraView(BoardEyeTerm):
                 default.
         """
         if pixel is None:
-            seen = self.poses.samples.pixels is not None
-            pixel = (self.pictures.pixel if seen else None) or self.pixel
+            has_pixels = self.poses.samples.pixels is not None
+            pixel = (self.pictures.pixel if has_pixels else None) or self.pixel
         if noise is not None:
             sigma = None if noise.sigma is None else noise.sigma * pixel
             noise = Noise(sigma, noise.huber * pixel, noise.fixed)
@@ -425,8 +425,8 @@ class CameraView(BoardEyeTerm):
             columns = {p.name: k for k, p in enumerate(unknowns)}
             which = np.array(numbers, dtype=np.intp)[point]
             points, corner, of_marker = markers.rows(which, columns, self.sees_board)
-            others = len(unknowns) - len(markers.parameters(self.sees_board))
-            own_columns = np.hstack([own_columns[:, :others], of_marker])
+            before = len(unknowns) - len(markers.parameters(self.sees_board))
+            own_columns = np.hstack([own_columns[:, :before], of_marker])
         data = [self.pixels[sample, point], points, np.full((n, 1), self.pixel)]
         if not self.free:
             data.append(np.tile(self.camera.intrinsics, (n, 1)))

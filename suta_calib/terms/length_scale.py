@@ -91,8 +91,8 @@ def scale_carrier(term: Term) -> ScaleCarrier | None:
     if (board := term.board_seen) is not None:
         free = board.stretch is not None
         return ScaleCarrier("board", getattr(term, "target", ""), board.length_scale, free)
-    seen = samples.position is not None or samples.pixels is not None or samples.numbers
-    if not term.measures_lengths() or not seen:
+    measures = samples.position is not None or samples.pixels is not None or samples.numbers
+    if not term.measures_lengths() or not measures:
         return None
     if term.scale is None and not isinstance(term.poses, ArmPoses):
         return None

@@ -120,9 +120,9 @@ def camera_alone(
             assert problem is not None
             raise problem
         return usual, LensChoice(PLUMB_BOB, left_out)
-    found = replace(best.camera, covariance=None)
+    camera = replace(best.camera, covariance=None)
     choice = None if lens else LensChoice(best.camera.lens, left_out)
-    return _without_outliers(found, corners, board), choice
+    return _without_outliers(camera, corners, board), choice
 
 
 def _without_outliers(start: Camera, corners: Corners, board: Board) -> Camera:

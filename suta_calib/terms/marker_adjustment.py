@@ -355,7 +355,7 @@ class _CornerTable:
                     pictures.nodes[k].pixels[picture, point],
                 )
             )
-        picture, node, local, pixel = (np.concatenate(each) for each in zip(*parts, strict=True))
+        picture, node, local, pixel = (np.concatenate(part) for part in zip(*parts, strict=True))
         free = np.ones((len(nodes), WAYS), dtype=np.bool_)
         free[0] = False
         return cls(pictures.camera, shown, picture, node, local, pixel, free.ravel())

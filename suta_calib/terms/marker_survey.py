@@ -163,9 +163,9 @@ class _Survey:
         for a in usable:
             for b in usable:
                 if a < b and (both := np.flatnonzero(self.seen[a] & self.seen[b])).size >= 2:
-                    found = self._edge(a, b, both)
-                    if found is not None:
-                        edges[a, b] = found
+                    edge = self._edge(a, b, both)
+                    if edge is not None:
+                        edges[a, b] = edge
         return edges
 
     def _edge(self, a: int, b: int, rows: IntArray) -> _Edge | None:
@@ -201,9 +201,9 @@ class _Survey:
                 ratio = float(np.sum(w * x * y)) / power
             else:
                 ratio = known
-            each = ratio * to_b - from_a
-            place = np.average(each, axis=0, weights=weight)
-            distance = np.linalg.norm(each - place, axis=1)
+            apart_by = ratio * to_b - from_a
+            place = np.average(apart_by, axis=0, weights=weight)
+            distance = np.linalg.norm(apart_by - place, axis=1)
             middle = max(float(np.median(distance)), 1e-9)
             weight = 1.0 / (1.0 + (distance / (2.0 * middle)) ** 2)
         if not ratio > 0:
@@ -267,9 +267,9 @@ class _Survey:
     def _scaled(self, adjusted: Adjustment, apart: Sequence[int]) -> SurveyedMarkers:
         """In metres, with what is in no picture together with these."""
         sought = self.sought.markers
-        seen = np.isfinite(adjusted.picture_p[:, 0])
-        A = some_poses(self.hand, seen)
-        B = adjusted.picture_turn[seen], adjusted.picture_p[seen]
+        judged = np.isfinite(adjusted.picture_p[:, 0])
+        A = some_poses(self.hand, judged)
+        B = adjusted.picture_turn[judged], adjusted.picture_p[judged]
         anchored = self.nodes[adjusted.anchor].placed
         ratios = {
             k: adjusted.size[k] / size
@@ -278,12 +278,14 @@ class _Survey:
         }
         by_sizes = 1.0 / float(np.median(list(ratios.values()))) if ratios else None
         start = 1.0 if anchored else by_sizes
-        by_hand, told = _scale_by_hand(A, B, start) if seen.sum() >= FEWEST else (1.0, False)
+        by_hand, determined = (
+            _scale_by_hand(A, B, start) if judged.sum() >= FEWEST else (1.0, False)
+        )
         if anchored:
             scale = 1.0
-        elif by_sizes is not None and not (told and self.exact_hand):
+        elif by_sizes is not None and not (determined and self.exact_hand):
             scale = by_sizes
-        elif told:
+        elif determined:
             scale = by_hand
         else:
             raise SamplesError(
@@ -294,7 +296,7 @@ class _Survey:
                 "apart, turned about two axes",
             )
         stated = self._sizes_that_agree(
-            {k: scale * r for k, r in ratios.items()}, told and self.exact_hand
+            {k: scale * r for k, r in ratios.items()}, determined and self.exact_hand
         )
         markers = {n: m for n, m in sought.items() if m.placed}
         for k in adjusted.nodes:
@@ -303,12 +305,12 @@ class _Survey:
                 markers[number] = Marker(scale * adjusted.p[k], size, adjusted.R[k])
         X, Z = (
             agreeing_hand_eye(A, (B[0], scale * B[1]))
-            if seen.sum() >= FEWEST
+            if judged.sum() >= FEWEST
             else ((np.eye(3), np.zeros(3)),) * 2
         )
         lost: list[int] = []
         for k in apart:
-            other = self._by_hand(k, X, Z) if told or anchored else None
+            other = self._by_hand(k, X, Z) if determined or anchored else None
             if other is None:
                 lost += self.nodes[k].numbers
             else:
@@ -337,8 +339,8 @@ class _Survey:
             return {}
         values = np.array(list(ratios.values()))
         middle = float(np.median(values))
-        alike = len(values) > 1 and bool(np.all(np.abs(values / middle - 1.0) < _OTHER_SIZE))
-        common = middle if len(values) > 2 or alike or not by_hand else 1.0
+        consistent = len(values) > 1 and bool(np.all(np.abs(values / middle - 1.0) < _OTHER_SIZE))
+        common = middle if len(values) > 2 or consistent or not by_hand else 1.0
         off = {k: r / common for k, r in ratios.items() if abs(r / common - 1.0) > _OTHER_SIZE}
         for k, factor in off.items():
             number = self.nodes[k].numbers[0]

@@ -64,16 +64,16 @@ def eye_and_planes(carrier: Poses, points: FloatArray, plane: IntArray) -> EyeAn
     few = np.unique(np.linspace(0, len(points) - 1, min(len(points), 200)).astype(np.intp))
     # Some 25° apart.
     turns = random_rotations(np.random.default_rng(0), 250)
-    some = (carrier[0][few], carrier[1][few]), points[few], plane[few]
+    subset = (carrier[0][few], carrier[1][few]), points[few], plane[few]
     # Where every plane is numbered, also one of which no row was taken.
     count = int(plane.max(initial=0)) + 1
-    misfit, position, normal, distance = _by_turns(*some, turns, count)
+    misfit, position, normal, distance = _by_turns(*subset, turns, count)
     # So many rotations go on.
     order = np.argsort(misfit, kind="stable")[:4].tolist()
     begun = (EyeAndPlanes(turns[k], position[k], normal[k], distance[k]) for k in order)
     # So many steps tell which of them ends well; the best one then goes on.
     few_steps, steps = 12, 40
-    ended = [_descended(*some, first, few_steps) for first in begun]
+    ended = [_descended(*subset, first, few_steps) for first in begun]
     best = min(ended, key=lambda end: end[0])[1]
     return _descended(carrier, points, plane, best, steps)[1]
 
@@ -140,9 +140,9 @@ def _descended(
         root = float(np.sqrt(left @ left / len(left))) / _NEAR
         prior = np.eye(3, columns.shape[1]) * root
         basis, size, vectors = np.linalg.svd(np.vstack([columns, prior]) / scale, False)
-        told = np.where(size > _ROUNDING * size[0], size / (size**2 + damping), 0.0)
+        inverse = np.where(size > _ROUNDING * size[0], size / (size**2 + damping), 0.0)
         every = np.concatenate([left, root * eye.position])
-        step = -(vectors.T @ (told * (basis.T @ every))) / scale
+        step = -(vectors.T @ (inverse * (basis.T @ every))) / scale
         of_planes = step[6:].reshape(-1, 3)
         moved = eye.normal + np.einsum("kj,kji->ki", of_planes[:, :2], eye.across)
         other = EyeAndPlanes(
@@ -174,9 +174,9 @@ def _linearised(
     lever = points @ eye.rotation.T
     at = np.einsum("nij,nj->ni", rotation, lever + eye.position) + position
     of_row = eye.normal[plane]
-    seen = np.einsum("nij,ni->nj", rotation, of_row)
+    normal = np.einsum("nij,ni->nj", rotation, of_row)
     columns = np.zeros((len(points), 6 + 3 * len(eye.distance)))
-    columns[:, :3], columns[:, 3:6] = seen, np.cross(lever, seen)
+    columns[:, :3], columns[:, 3:6] = normal, np.cross(lever, normal)
     rows, begin = np.arange(len(points)), 6 + 3 * plane
     for k in range(2):
         columns[rows, begin + k] = np.einsum("ni,ni->n", eye.across[plane, k], at)

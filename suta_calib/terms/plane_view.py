@@ -151,8 +151,8 @@ class PlaneView(DepthTerm):
 
     def equations(self) -> int:
         """A plane has three numbers, however many points of it are seen at a rest."""
-        seen = np.column_stack([self.poses.rests, self.seen[1]])
-        return min(super().equations(), 3 * len(np.unique(seen, axis=0)))
+        rest_and_plane = np.column_stack([self.poses.rests, self.seen[1]])
+        return min(super().equations(), 3 * len(np.unique(rest_and_plane, axis=0)))
 
     def observed(self, values: Mapping[str, float], poses: PoseSource) -> Observed:
         """Where rays of the camera meet the planes: those of what was seen, or all about."""
@@ -173,9 +173,9 @@ class PlaneView(DepthTerm):
         slope = np.einsum("ni,ni->n", by_carrier @ R, ray)
         length = away / np.where(np.abs(slope) > 1e-9, slope, 1e-9)
         sighted = (np.abs(slope) > _STEEPEST) & (length == np.clip(length, *_REACH))
-        seen = ray * np.clip(length, -_BEYOND, _BEYOND)[:, None]
-        sigma = None if self.depth_noise is None else self.depth_noise.sigmas(seen[:, 2])
-        return Observed(seen, axes=self.simulated_axes(seen), sigma=sigma, sighted=sighted)
+        points = ray * np.clip(length, -_BEYOND, _BEYOND)[:, None]
+        sigma = None if self.depth_noise is None else self.depth_noise.sigmas(points[:, 2])
+        return Observed(points, axes=self.simulated_axes(points), sigma=sigma, sighted=sighted)
 
     def seen_planes(self, values: Mapping[str, float]) -> Mapping[str, FloatArray]:
         """The points of each, moved onto it along its normal."""

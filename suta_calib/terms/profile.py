@@ -257,10 +257,10 @@ class Profile(FramedTerm):
     @property
     def frame_names(self) -> list[str]:
         """Owners of the scanner's pose and of the ball's, or the plane's."""
-        seen = self.poses.label(self.target, "base")
+        label = self.poses.label(self.target, "base")
         return [
             labelled("hand_eye", self.sees),
-            labelled("plane" if self.plane else "sphere", seen),
+            labelled("plane" if self.plane else "sphere", label),
         ]
 
     @property
@@ -280,14 +280,14 @@ class Profile(FramedTerm):
         eye, target = self.frame_names
         if self.plane:
             every = pose_parameters(target)
-            seen = tuple(p for p in every if p.key in ("z", "rx", "ry"))
-            return (*pose_parameters(eye), *seen)
-        seen = point_parameters(target)
+            target_parameters = tuple(p for p in every if p.key in ("z", "rx", "ry"))
+            return (*pose_parameters(eye), *target_parameters)
+        target_parameters = point_parameters(target)
         if self._sized:
             # From no ball to the largest that anybody scans.
             size = Parameter(target, "radius", "m", self.radius or 0.01, 0.0, 2.0, plausible=0.05)
-            seen = (*seen, size)
-        return (*pose_parameters(eye), *seen)
+            target_parameters = (*target_parameters, size)
+        return (*pose_parameters(eye), *target_parameters)
 
     def prior_from_pose(self, label: str, pose: GivenPose) -> dict[str, PriorValue]:
         """As of any frame; of a ball its centre, of a plane any point of it and its normal."""
@@ -494,27 +494,27 @@ class Profile(FramedTerm):
 
     def start(self, rotation: FloatArray, position: FloatArray) -> FloatArray:
         """Arcs, or pieces of lines, in closed form; then from rotations all over."""
-        told, size = self._told, [self.radius or 0.01] if self._sized else []
-        if not told.any():
+        usable, size = self._told, [self.radius or 0.01] if self._sized else []
+        if not usable.any():
             return np.concatenate([np.zeros(9), size])
-        hand = rotation[told], position[told]
+        hand = rotation[usable], position[usable]
         if self.plane:
-            X, normal, z = scanner_by_plane(hand, self._ends[told])
-            seen = np.array([z, *vector_turning_z_to(normal)[:2]])
+            X, normal, z = scanner_by_plane(hand, self._ends[usable])
+            target = np.array([z, *vector_turning_z_to(normal)[:2]])
         else:
-            known = None if self._sized else self.radius
-            X, centre, radius = scanner_by_ball(hand, self._arcs[told], known)
-            seen = np.concatenate([centre, [min(radius, 2.0) for _ in size]])
-        return np.asarray(np.nan_to_num(np.concatenate([pose_values(*X), seen])))
+            radius_given = None if self._sized else self.radius
+            X, centre, radius = scanner_by_ball(hand, self._arcs[usable], radius_given)
+            target = np.concatenate([centre, [min(radius, 2.0) for _ in size]])
+        return np.asarray(np.nan_to_num(np.concatenate([pose_values(*X), target])))
 
     def check_enough(self) -> None:
         """As many profiles as the unknowns need, and one that checks them."""
-        unknowns, each = len(self.own_parameters), 2 if self.plane else 3
-        fewest = -(-unknowns // each) + 1
-        if (found := int(self._told.sum())) < fewest:
+        unknowns, per_scan = len(self.own_parameters), 2 if self.plane else 3
+        fewest = -(-unknowns // per_scan) + 1
+        if (count := int(self._told.sum())) < fewest:
             what = "plane" if self.plane else "ball"
             raise self.refuse(
-                f"{found} profiles of the {what}",
+                f"{count} profiles of the {what}",
                 f"at least {fewest}, with the scanner turned about different axes",
                 hint="a profile gives "
                 + ("two numbers" if self.plane else "three numbers")
@@ -539,14 +539,14 @@ class Profile(FramedTerm):
     @property
     def doubts(self) -> Mapping[str, Level]:
         """Scans that agree with the others if they are turned, or exchanged."""
-        told, fewest = np.flatnonzero(self._told), 6
-        if self.poses.samples.pixels is None or len(told) < fewest:
+        usable, fewest = np.flatnonzero(self._told), 6
+        if self.poses.samples.pixels is None or len(usable) < fewest:
             return {}
         rotation, position = self.poses.at({})
-        points = [p[np.isfinite(p).all(axis=1)] for p in self.pixels[told]]
-        known = None if self._sized else self.radius
-        model = model_of((rotation[told], position[told]), points, known, plane=self.plane)
-        names = self.poses.samples.labels.get("scan", np.array(self.poses.samples.origin))[told]
+        points = [p[np.isfinite(p).all(axis=1)] for p in self.pixels[usable]]
+        radius = None if self._sized else self.radius
+        model = model_of((rotation[usable], position[usable]), points, radius, plane=self.plane)
+        names = self.poses.samples.labels.get("scan", np.array(self.poses.samples.origin))[usable]
         level: Level = "care" if np.isfinite(self.noise.huber) else "bad"
         return dict.fromkeys(causes(fit_scans(model), names.tolist()), level)
 

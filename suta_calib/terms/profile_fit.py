@@ -66,9 +66,9 @@ def _of_line(points: FloatArray) -> FloatArray:
 def _variance(off: FloatArray, unknowns: int) -> float:
     """Variance of points about a curve, for as many as are independent."""
     square = float(np.sum(off**2)) / max(len(off) - unknowns, 1)
-    alike = float(np.sum(off[1:] * off[:-1]) / max(np.sum(off**2), 1e-300))
-    alike = min(max(alike, 0.0), 0.95)
-    return square * (1.0 + alike) / (1.0 - alike)
+    correlation = float(np.sum(off[1:] * off[:-1]) / max(np.sum(off**2), 1e-300))
+    correlation = min(max(correlation, 0.0), 0.95)
+    return square * (1.0 + correlation) / (1.0 - correlation)
 
 
 @dataclass(frozen=True, eq=False)
@@ -141,17 +141,17 @@ def fit_scans(model: ScanModel, *, robust: bool = True) -> ScanFit:
 
 def _settled(model: ScanModel, state: Answers, inliers: BoolArray) -> ScanFit:
     """Least squares over some scans, weighed by the noise that they show."""
-    some = model.take(np.flatnonzero(inliers).astype(np.intp))
+    agreeing = model.take(np.flatnonzero(inliers).astype(np.intp))
     levels = np.full(2, 0.02 * model.scale)
     for _ in range(8):
-        state = _weighed(some, state, levels)
-        before, levels = levels, _levels(some, state, levels)
+        state = _weighed(agreeing, state, levels)
+        before, levels = levels, _levels(agreeing, state, levels)
         if np.allclose(before, levels, rtol=1e-2, atol=_LEAST * model.scale):
             break
-    state = _weighed(some, state, levels)
-    residual, slope = some.residuals(state)
-    free = some.free(state)
-    inner = _information(slope[0] @ free, np.linalg.inv(_total(some, state, levels)))
+    state = _weighed(agreeing, state, levels)
+    residual, slope = agreeing.residuals(state)
+    free = agreeing.free(state)
+    inner = _information(slope[0] @ free, np.linalg.inv(_total(agreeing, state, levels)))
     freedom = residual[0].size - free.shape[1]
     # The noise of few scans is itself uncertain: errors in units of it have Student's variance.
     student = freedom / (freedom - 2.0) if freedom > 2 else 3.0
@@ -211,23 +211,23 @@ def _levels(model: ScanModel, state: Answers, start: FloatArray) -> FloatArray:
 
     # Beyond these nothing changes: no source is so small, and no hand so bad.
     least, most = np.log(1e-8), np.log(0.2)
-    found = minimize(
+    minimum = minimize(
         unlikely,
         np.clip(np.log(np.maximum(start, 1e-8)), least, most),
         method="Nelder-Mead",
         bounds=[(least, most)] * 2,
         options={"xatol": 0.01, "fatol": 1e-3},
     )
-    return np.asarray(np.exp(found.x))
+    return np.asarray(np.exp(minimum.x))
 
 
 def causes(fit: ScanFit, names: Sequence[str]) -> list[str]:
     """What would make scans agree that do not, one sentence each."""
-    apart = np.zeros_like(fit.inliers)
+    nowhere = np.zeros_like(fit.inliers)
     # What makes a scan right brings it well among the others, not to their edge.
-    far = np.minimum(0.5, fit.misfit(fit.model, apart) / 8.0)
+    far = np.minimum(0.5, fit.misfit(fit.model, nowhere) / 8.0)
     wrong, found = np.flatnonzero(~fit.inliers).tolist(), list[str]()
-    turned = fit.misfit(fit.model.reversed(), apart)
+    turned = fit.misfit(fit.model.reversed(), nowhere)
     if rows := [k for k in wrong if turned[k] <= far[k]]:
         wrong = [k for k in wrong if k not in rows]
         found.append(
@@ -241,7 +241,7 @@ def causes(fit: ScanFit, names: Sequence[str]) -> list[str]:
         for k in left:
             swapped = order.copy()
             swapped[[j, k]] = k, j
-            again = fit.misfit(fit.model.exchanged(swapped), apart)
+            again = fit.misfit(fit.model.exchanged(swapped), nowhere)
             if np.all(again[[j, k]] <= far[[j, k]]):
                 left.remove(k)
                 found.append(

@@ -34,21 +34,21 @@ def with_profiles(
         )
     _check_postures(poses, scans)
     what = "plane" if plane else "ball"
-    found = {
+    on_surface = {
         name: _on_surface(points, radius, plane=plane)
         for name, points in by_scan.items()
         if name in set(scans)
     }
-    hollow = [] if plane else _hollow(found)
-    found |= {name: found[name][:0] for name in hollow}
-    shown = np.array([len(found.get(name, ())) > 0 for name in scans])
+    hollow = [] if plane else _hollow(on_surface)
+    on_surface |= {name: on_surface[name][:0] for name in hollow}
+    shown = np.array([len(on_surface.get(name, ())) > 0 for name in scans])
     if not shown.any():
         raise _nothing(profiles, by_scan, radius, plane=plane)
     without = [name for name in dict.fromkeys(scans) if name not in by_scan]
     empty = [
         name
         for name in dict.fromkeys(scans)
-        if name in by_scan and not len(found[name]) and name not in hollow
+        if name in by_scan and not len(on_surface[name]) and name not in hollow
     ]
     lost = [
         f"no {thing} of {len(names)} of {len(set(scans))} scans ({_quoted(names)})"
@@ -61,11 +61,11 @@ def with_profiles(
             "others have a ball (is z reversed there?)"
         )
     source = profiles.path or "profiles"
-    kept = [name for name, there in zip(scans, shown, strict=True) if there]
-    most = max(len(found[name]) for name in kept)
-    table = np.full((len(kept), most, 2), np.nan)
-    for row, name in enumerate(kept):
-        table[row, : len(found[name])] = found[name]
+    shown_scans = [name for name, there in zip(scans, shown, strict=True) if there]
+    most = max(len(on_surface[name]) for name in shown_scans)
+    table = np.full((len(shown_scans), most, 2), np.nan)
+    for row, name in enumerate(shown_scans):
+        table[row, : len(on_surface[name])] = on_surface[name]
     poses = poses.take(shown)
     poses = poses.with_samples(replace(poses.samples, pixels=table))
     least = f"{FEWEST_POINTS} points" + ("" if plane else " and an arc of 25°")

@@ -92,8 +92,8 @@ class ScanModel(ABC):
     def typical(self, state: Answers) -> float:
         """How far a scan is off in the first answer, counted so that a third may be wrong."""
         residual, _ = self.residuals(state)
-        _, n, each = residual.shape
-        spare = max(n - (3 + state.rest.shape[1]) / each, 1.0)
+        _, n, per_scan = residual.shape
+        spare = max(n - (3 + state.rest.shape[1]) / per_scan, 1.0)
         middle = float(np.median(np.linalg.norm(residual[0], axis=1)))
         # A hand is never so exact that one scan should decide alone.
         return float(np.clip(2.0 * middle * np.sqrt(n / spare), 1e-3 * self.scale, self.scale))
@@ -188,8 +188,8 @@ class BallModel(ScanModel):
         (R, p), rest, arcs = self.hand, state.rest[0], self.arcs
         aside = np.sqrt(np.maximum(self.size(state)[0] ** 2 - arcs[:, 2] ** 2, 0.0))
         aside *= np.sign(self.centres(state)[:, 1])
-        seen = np.column_stack([arcs[:, 0], aside, arcs[:, 1]])
-        in_hand = seen @ state.rotation[0].T + rest[:3]
+        centre = np.column_stack([arcs[:, 0], aside, arcs[:, 1]])
+        in_hand = centre @ state.rotation[0].T + rest[:3]
         return np.asarray(np.einsum("nij,nj->ni", R, in_hand) + p)
 
     def noise(self, state: Answers) -> FloatArray:
@@ -240,7 +240,7 @@ class BallModel(ScanModel):
         y = np.sqrt(np.maximum(radius**2 - self.arcs[:, 2] ** 2, 0.0))
         sign = np.zeros((len(rotation), n))
         for _ in range(4):
-            seen = np.stack(
+            centre = np.stack(
                 [
                     np.broadcast_to(self.arcs[:, 0], sign.shape),
                     sign * y,
@@ -248,7 +248,7 @@ class BallModel(ScanModel):
                 ],
                 axis=2,
             )
-            in_hand = np.einsum("mij,mnj->mni", rotation, seen)
+            in_hand = np.einsum("mij,mnj->mni", rotation, centre)
             there = np.einsum("nij,mnj->mni", R, in_hand) + p
             rest = -there.reshape(len(rotation), -1) @ solve.T
             off = np.einsum("nji,mnj->mni", R, rest[:, None, 3:] - p) - rest[:, None, :3]
@@ -354,11 +354,11 @@ def scanner(model: ScanModel) -> Answers:
     rotation = random_rotations(np.random.default_rng(0), 250)
     n = len(model.hand[1])
     # Scans that are searched with; all of them decide at last.
-    some = model.take(np.unique(np.linspace(0, n - 1, min(n, 24)).astype(np.intp)))
-    state = some.begun(rotation)
+    subset = model.take(np.unique(np.linspace(0, n - 1, min(n, 24)).astype(np.intp)))
+    state = subset.begun(rotation)
     # After how many steps how many of them are left: most are soon seen to lead nowhere.
     for steps, left in ((6, 60), (8, 20), (12, 6)):
-        state = some.descended(state, some.scale, steps)
+        state = subset.descended(state, subset.scale, steps)
         state = state.take(np.argsort(state.cost)[:left])
     state = model.descended(state, model.scale, 40)
     state = model.with_twins(state.take(np.argsort(state.cost)[:1]))

@@ -135,7 +135,7 @@ class SurveyedMarkers(Markers):
         unknowns, by name, that pose and size of the marker have.
         """
         fixed, corner = np.zeros((len(numbers), 3)), np.zeros((len(numbers), 4))
-        own = np.tile(np.array([*range(6, 12), 6], dtype=np.intp), (len(numbers), 1))
+        of_marker = np.tile(np.array([*range(6, 12), 6], dtype=np.intp), (len(numbers), 1))
         which, k = np.divmod(numbers, CORNERS)
         unit = Marker(np.zeros(3), 1.0).corners
         for number in np.unique(which).tolist():
@@ -147,12 +147,12 @@ class SurveyedMarkers(Markers):
             corner[mine, :2] = unit[k[mine], :2]
             corner[mine, 2:] = [float(moves), float(number in self.sized)]
             if number in self.sized:
-                own[mine, 6] = columns[f"{owner}.size"]
+                of_marker[mine, 6] = columns[f"{owner}.size"]
             else:
                 corner[mine, :2] *= self.markers[number].size
             if moves:
-                own[mine, :6] = [columns[f"{owner}.{key}"] for key in PLACEMENT]
-        return fixed, corner, own
+                of_marker[mine, :6] = [columns[f"{owner}.{key}"] for key in PLACEMENT]
+        return fixed, corner, of_marker
 
     def with_markers(self, factor: float) -> Board | None:
         """None: their sizes are estimated."""

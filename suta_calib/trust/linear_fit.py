@@ -245,15 +245,15 @@ class LinearFit(Displayable):
         count = int(self.clusters.max()) + 1
         by_cluster, members = np.zeros((count, scores.shape[1])), self.clusters
         for member in members.T:
-            some = member >= 0
-            by_cluster += summed(scores[some], member[some], count)
+            grouped = member >= 0
+            by_cluster += summed(scores[grouped], member[grouped], count)
         variance = by_cluster.T @ by_cluster
         shared = np.sum(members >= 0, axis=1)
         # A row of two touches was counted at both (Cameron, Gelbach and Miller).
         for size in np.unique(shared[shared > 1]):
-            some = shared == size
-            pair, sizes = grouped_rows(members[some])
-            by_pair = summed(scores[some], pair, len(sizes))
+            grouped = shared == size
+            pair, sizes = grouped_rows(members[grouped])
+            by_pair = summed(scores[grouped], pair, len(sizes))
             variance -= (size - 1) * by_pair.T @ by_pair
         return np.asarray(variance)
 

@@ -105,8 +105,8 @@ class LinearModels:
                 of_samples = fold[block.samples]
                 same = (of_samples == of_samples[:, :1]).all(axis=1)
                 held.append(np.where(same & counted[of_samples[:, 0]], of_samples[:, 0], -1))
-                each = [(of_samples == f).any(axis=1) for f in range(len(self.folds))]
-                involved.append(np.array(each))
+                by_fold = [(of_samples == f).any(axis=1) for f in range(len(self.folds))]
+                involved.append(np.array(by_fold))
         return np.concatenate(held), np.concatenate(involved, axis=1)
 
     def _prior(self) -> None:

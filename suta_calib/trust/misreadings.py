@@ -83,7 +83,7 @@ class Misreading(Reinterpretation):
 
         Of several chains, those of all, then those of each.
         """
-        terms, seen = data.terms, set[tuple[bytes, ...]]()
+        terms, keys = data.terms, set[tuple[bytes, ...]]()
         parts = [*by_chain(terms)]
         for where, part in parts:
             for description, change in self.changes(part):
@@ -91,9 +91,9 @@ class Misreading(Reinterpretation):
                 # What is so in one chain may be so in all that have the joint, or the file.
                 if len(parts) > 1:
                     numbers = tuple(map(_numbers, read))
-                    if numbers in seen:
+                    if numbers in keys:
                         continue
-                    seen.add(numbers)
+                    keys.add(numbers)
                 with suppress(SutaCalibError):
                     # Share of the rows that a reading must keep: few rows fit anything.
                     if all(

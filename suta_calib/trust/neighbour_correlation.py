@@ -69,14 +69,14 @@ def chance_beside_shared_errors(
     tried = [white, *(_Correlation(*choice) for choice in product(common, near, soon))]
     freed = (rows.freed(likeliest, choice) for choice in tried)
     best = min(freed, key=lambda choice: choice.of_any_noise).fit
-    known = best.jacobian.shape[1] - velocity.shape[1]
+    before = best.jacobian.shape[1] - velocity.shape[1]
     without = replace(
         best,
-        jacobian=best.jacobian[:, :known],
-        prior_precision=best.prior[:known],
-        from_prior=best.away[:known],
+        jacobian=best.jacobian[:, :before],
+        prior_precision=best.prior[:before],
+        from_prior=best.away[:before],
     )
-    weighed = weigh_effects(without, [Effect("change", best.jacobian[:, known:])])
+    weighed = weigh_effects(without, [Effect("change", best.jacobian[:, before:])])
     return weighed[0].p_single if weighed else 1.0
 
 

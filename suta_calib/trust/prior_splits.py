@@ -116,8 +116,8 @@ def prior_splits(
         untold = values > INFORMED
         for group in _groups(vectors[:, untold] @ vectors[:, untold].T):
             open_steps = (vectors * size)[np.ix_(group, untold)] * scale[group, None]
-            told = vectors[np.ix_(group, ~untold)]
-            split[tuple(rows[group].tolist())] = open_steps, told
+            determined = vectors[np.ix_(group, ~untold)]
+            split[tuple(rows[group].tolist())] = open_steps, determined
     if not split:
         return ()
     rich = RichData(problem, x)
@@ -137,7 +137,7 @@ def prior_splits(
 
     before = moves([*zeros], np.diag(np.sqrt(prior[[*zeros]])))
     splits = []
-    for at, (open_steps, told) in split.items():
+    for at, (open_steps, determined) in split.items():
         tip = moves(at, open_steps)
         # Motion of the tip by what is not told, over that by the priors of all zeros, from which on
         # it is worth a report: as of a value over what is plausible
@@ -147,7 +147,7 @@ def prior_splits(
         names = tuple(problem.names[k] for k in at)
         columns = [rich.names.index(name) for name in names]
         stds = np.sqrt(np.minimum(np.diag(covariance)[[*at]], prior[[*at]]))
-        axes, sizes, _ = np.linalg.svd(told)
+        axes, sizes, _ = np.linalg.svd(determined)
         factors = axes[:, 0] / np.sqrt(prior[[*at]])
         factors = factors / factors[np.argmax(np.abs(factors))]
         # Directions that are told within the combination, and not by others beside it.

@@ -91,8 +91,8 @@ def everything_follows(answer: Examination) -> ReducedFit:
     away = np.where(problem.prior_precision() > 0, x - problem.parameters.array("nominal"), 0.0)
     rows = whitened_rows(problem, x, sigmas)
     equations = sum(term.equations() for term in problem.terms)
-    known, chain = known_beforehand(problem), chain_of_rows(problem, rows)
-    fit = LinearFit.of_rows(rows, known, away, independent_rows=equations, chain=chain)
+    prior, chain = known_beforehand(problem), chain_of_rows(problem, rows)
+    fit = LinearFit.of_rows(rows, prior, away, independent_rows=equations, chain=chain)
     settled = fit.only(follows).robust
     return ReducedFit(problem, rows, fit.jacobian, lacking, settled.fit, settled.spent)
 

@@ -266,8 +266,8 @@ class Residuals:
 
         Hundreds of corners of a picture share where the arm really was.
         """
-        known = {*self._order, *self.fitted}
-        more = self._numbers(n for n in self.problem.names if n not in known)
+        names = {*self._order, *self.fitted}
+        more = self._numbers(n for n in self.problem.names if n not in names)
         if not len(more):
             return 0.0
         plausible = self.problem.parameters.array("plausible")[more]

@@ -88,8 +88,8 @@ def spread_out(terms: Sequence[Term], most: int) -> list[Term]:
     for term in terms:
         pairs = any(block.samples.shape[1] > 1 for block in term.blocks)
         # Of distances between touches, half as many touches leave a quarter.
-        kept = max(round(len(term.poses) * (share**0.5 if pairs else share)), 1)
-        rows = np.random.default_rng(0).permutation(len(term.poses))[:kept]
+        count = max(round(len(term.poses) * (share**0.5 if pairs else share)), 1)
+        rows = np.random.default_rng(0).permutation(len(term.poses))[:count]
         chosen.append(term.take(np.sort(rows)))
     return chosen
 

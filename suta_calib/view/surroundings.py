@@ -39,9 +39,9 @@ def surroundings(
         scanned = scanned[:: -(-len(scanned) // 5000)]
         label = getattr(term, "target", "default")
         yield PointCloud(f"profiles/{label}", scanned, STANDING, 0.02 * size)
-    for k, (name, seen) in enumerate(term.seen_planes(values).items(), start=1):
+    for k, (name, corners) in enumerate(term.seen_planes(values).items(), start=1):
         carrier = _tip_link(term, term.outside[k])
-        yield from _span(f"{term.outside[k].what}s/{name} seen", seen, carrier)
+        yield from _span(f"{term.outside[k].what}s/{name} seen", corners, carrier)
     if term.medium != "touch":
         return
     ideal = term.observed(values, term.poses).place
@@ -70,11 +70,11 @@ def _frame(
         return PointCloud(name, p[None], colour, 0.08 * size, (_label(frame, what),), carrier)
     if not sees:
         return Frame(name, R, p, 0.6 * size, carrier)
-    seen = Frustum(name, R, p, size, carrier)
+    frustum = Frustum(name, R, p, size, carrier)
     if (camera := term.settings.get("camera")) is None:
-        return seen
+        return frustum
     angle = 2.0 * math.atan2(camera.height, 2.0 * camera.matrix[1, 1])
-    return replace(seen, field_of_view=angle, aspect=camera.width / camera.height)
+    return replace(frustum, field_of_view=angle, aspect=camera.width / camera.height)
 
 
 def _tip_link(term: Term, frame: ExternalFrame) -> str:

@@ -86,9 +86,9 @@ def find_balls(
             for name, radius in radii.items()
         ]
 
-    found = searched_clouds(clouds, reader, search, progress)
-    searched = [each for of_cloud in found for each in of_cloud]
-    balls = [(each, each.ball) for each in searched if each.ball is not None]
+    by_cloud = searched_clouds(clouds, reader, search, progress)
+    searched = [entry for of_cloud in by_cloud for entry in of_cloud]
+    balls = [(entry, entry.ball) for entry in searched if entry.ball is not None]
     if not balls:
         raise SamplesError(
             f"{searched[0].reason} in any cloud",
@@ -98,12 +98,12 @@ def find_balls(
             "in the camera's own frame, with the camera at the origin",
         )
     points = SeenPoints(
-        np.array([each.image for each, _ in balls]),
-        np.array([each.name for each, _ in balls]),
+        np.array([entry.image for entry, _ in balls]),
+        np.array([entry.name for entry, _ in balls]),
         np.array([ball.centre for _, ball in balls]),
         np.array([ball.sigma for _, ball in balls]),
     )
-    count, dropped = np.sum([(of[0].count, of[0].dropped) for of in found], axis=0).tolist()
+    count, dropped = np.sum([(of[0].count, of[0].dropped) for of in by_cloud], axis=0).tolist()
     sentence = f"{len(balls)} of {len(searched)} balls found in {len(clouds)} clouds."
     assessment = Assessment.of(
         sentence + dropped_words(dropped, count), care=_notes(searched, radii)

@@ -66,10 +66,10 @@ class CloudReader(Displayable):
         return Cloud(cloud.points[inside], cloud.dropped, int(np.sum(~inside)))
 
     def _of_depth(self, path: Path, camera: Camera) -> Cloud:
-        seen = depth.read_depth(path, self.unit)
-        depth.check_shape(seen, camera, path)
-        rays = self._rays(seen.shape[0], seen.shape[1])
-        points = np.nan_to_num(rays * seen[..., None], nan=0.0)
+        depths = depth.read_depth(path, self.unit)
+        depth.check_shape(depths, camera, path)
+        rays = self._rays(depths.shape[0], depths.shape[1])
+        points = np.nan_to_num(rays * depths[..., None], nan=0.0)
         return Cloud.of(points, 1.0, path, "check --unit")
 
     def _rays(self, height: int, width: int) -> FloatArray:
@@ -139,17 +139,17 @@ def searched(
     def of(name: str) -> Found:
         return search(name, reader(clouds[name]))
 
-    found = list[Found]()
+    answers = list[Found]()
     with ThreadPoolExecutor(usable_cores()) as pool:
         try:
             for done, result in enumerate(pool.map(of, clouds), 1):
-                found.append(result)
+                answers.append(result)
                 if progress is not None:
                     progress(done, len(clouds))
         except BaseException:
             pool.shutdown(cancel_futures=True)
             raise
-    return found
+    return answers
 
 
 def dropped_words(dropped: int, count: int) -> str:

@@ -271,9 +271,9 @@ def _one_size(views: list[SearchedPicture], camera: Camera | None) -> list[Searc
 
 def _check_size(views: Sequence[SearchedPicture], camera: Camera) -> None:
     """Refuse a camera's file of another size than all pictures that show the board."""
-    seen = [view for view in views if view.board and view.size]
+    detected = [view for view in views if view.board and view.size]
     width, height = camera.width, camera.height
-    if not seen or any(view.size == (width, height) for view in seen):
+    if not detected or any(view.size == (width, height) for view in detected):
         return
     size = _size(views)
     if size == (height, width):
@@ -296,7 +296,7 @@ def _check_size(views: Sequence[SearchedPicture], camera: Camera) -> None:
     raise SamplesError(
         f"pictures of {size[0]}x{size[1]} px",
         f"{width}x{height} px, the size that the camera's file states",
-        file=seen[0].picture.path,
+        file=detected[0].picture.path,
         hint=hint,
     )
 
@@ -365,19 +365,19 @@ def _refocused(pictures: BoardPictures, median: float, how: DetectionOptions) ->
     if median <= how.suspicious or len(pictures.pixels) < least:
         return ""
     chosen = np.linspace(0, len(pictures.pixels) - 1, min(len(pictures.pixels), most))
-    some = replace(pictures, pixels=pictures.pixels[chosen.astype(np.intp)])
+    subset = replace(pictures, pixels=pictures.pixels[chosen.astype(np.intp)])
     # So many times smaller; a board that is a little bent leaves the same with either camera.
-    for sentence, pixels in otherwise_read(some):
-        if 3.0 * (left := float(np.nanmedian(replace(some, pixels=pixels).rms))) <= median:
+    for sentence, pixels in otherwise_read(subset):
+        if 3.0 * (left := float(np.nanmedian(replace(subset, pixels=pixels).rms))) <= median:
             return (
                 f"The pictures agree far better with the camera's file ({left:.2f} px RMS instead "
                 f"of {median:.2f} px) if {sentence}."
             )
     given = pictures.camera
-    shown = shown_camera(some, given.lens)
+    shown = shown_camera(subset, given.lens)
     if (
         shown is None
-        or 3.0 * (left := float(np.nanmedian(replace(some, camera=shown).rms))) > median
+        or 3.0 * (left := float(np.nanmedian(replace(subset, camera=shown).rms))) > median
     ):
         return ""
     changes = ", ".join(

@@ -87,8 +87,8 @@ def find_planes(
         return CloudWithPlane(image, cloud.count, cloud.dropped, plane, reason)
 
     results = searched(clouds, reader, search, progress)
-    found = [(each.image, each.plane) for each in results if each.plane is not None]
-    if not found:
+    planes = [(entry.image, entry.plane) for entry in results if entry.plane is not None]
+    if not planes:
         raise SamplesError(
             "no plane in any cloud",
             "a plane that is a tenth of a cloud or more",
@@ -97,14 +97,16 @@ def find_planes(
             "off what is nearer or farther with --range",
         )
     points = SeenPoints(
-        np.repeat([image for image, _ in found], 3),
-        np.repeat([name], 3 * len(found)),
-        np.concatenate([plane.marks for _, plane in found]),
-        np.repeat([[plane.sigma] * 3 for _, plane in found], 3, axis=0),
+        np.repeat([image for image, _ in planes], 3),
+        np.repeat([name], 3 * len(planes)),
+        np.concatenate([plane.marks for _, plane in planes]),
+        np.repeat([[plane.sigma] * 3 for _, plane in planes], 3, axis=0),
     )
-    noise = np.median([plane.noise for _, plane in found], axis=0)
-    count, dropped = (sum(getattr(each, part) for each in results) for part in ("count", "dropped"))
-    sentence = f"Plane {name} found in {len(found)} of {len(results)} clouds."
+    noise = np.median([plane.noise for _, plane in planes], axis=0)
+    count, dropped = (
+        sum(getattr(entry, part) for entry in results) for part in ("count", "dropped")
+    )
+    sentence = f"Plane {name} found in {len(planes)} of {len(results)} clouds."
     assessment = Assessment.of(sentence + dropped_words(dropped, count), care=_notes(results))
     return PlaneSearch(name, results, points, (float(noise[0]), float(noise[1])), assessment)
 

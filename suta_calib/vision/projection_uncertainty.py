@@ -69,8 +69,8 @@ def projection_std(camera: Camera, seen: FloatArray, pixels: FloatArray) -> Floa
     """
     assert camera.covariance is not None
     # More corners say the same.
-    some = seen[:: max(1, len(seen) // 2000)]
-    by_values, by_turn = _slopes(camera, some)
+    subset = seen[:: max(1, len(seen) // 2000)]
+    by_values, by_turn = _slopes(camera, subset)
     n = by_values.shape[-1]
     turn = np.linalg.lstsq(by_turn.reshape(-1, 3), by_values.reshape(-1, n), rcond=None)[0]
     by_values, by_turn = _slopes(camera, pixels)

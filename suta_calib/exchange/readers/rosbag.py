@@ -210,8 +210,8 @@ def _in_motion(
     at_rows = slowest.clock.time
     between = {name: Between.of(rows.clock, at_rows) for name, rows in moving.items()}
     covered = np.all([where.known for where in between.values()], axis=0)
-    found = {name: rows.between(between[name])[name][covered] for name, rows in moving.items()}
-    return found, at_rows[covered]
+    rows_there = {name: rows.between(between[name])[name][covered] for name, rows in moving.items()}
+    return rows_there, at_rows[covered]
 
 
 def _felt(path: Path, bag: _Bag, given: Given) -> GravityLog:

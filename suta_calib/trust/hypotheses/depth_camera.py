@@ -116,8 +116,8 @@ class DepthCamera(AddedVariable):
 
 def _longer(term: Any, what: str, by: float) -> Any:
     """The same with all depths longer by a ratio, or by a length, m."""
-    seen: FloatArray = term.in_eye
+    points: FloatArray = term.in_eye
     if what == OFFSET:
-        length = np.linalg.norm(seen, axis=1, keepdims=True)
-        return with_columns(term, position=seen + by * seen / np.where(length > 0, length, 1.0))
-    return with_columns(term, position=seen * (1.0 + by))
+        length = np.linalg.norm(points, axis=1, keepdims=True)
+        return with_columns(term, position=points + by * points / np.where(length > 0, length, 1.0))
+    return with_columns(term, position=points * (1.0 + by))

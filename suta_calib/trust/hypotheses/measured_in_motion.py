@@ -84,14 +84,18 @@ def in_motion(answer: Examination) -> Iterator[tuple[int, Moving, FloatArray]]:
         if term.of_clock:
             continue
         files = np.array([file for file, _ in term.poses.samples.files()])
-        seen, time = term.medium != "touch", term.poses.samples.time
+        by_instrument, time = term.medium != "touch", term.poses.samples.time
         steps = per_row(answer.q[first:end], files, time)
         if steps is None:
             continue
         velocity = np.zeros((len(answer.q), 6, 1))
         velocity[first:end, :, 0] = np.einsum("nvj,nj->nv", motion[first:end], steps)
-        step = None if time is None or not seen else usual_step(time, files)
-        yield k, Moving(term.called, seen, step, rms_length(velocity[first:end, :3, 0])), velocity
+        step = None if time is None or not by_instrument else usual_step(time, files)
+        yield (
+            k,
+            Moving(term.called, by_instrument, step, rms_length(velocity[first:end, :3, 0])),
+            velocity,
+        )
 
 
 def said_late(evidence: Evidence) -> str:

@@ -249,9 +249,12 @@ def _where(touches: _Touches, step: _Step) -> str:
     doubt = 0.05 * min(len(in_rows), int(touches.own(step.joint).sum()) - len(in_rows))
     if last - first + 1 - len(in_rows) <= doubt:
         return f"from {touches.origin[first]} to {touches.origin[last]}"
-    own = touches.own(step.joint)
-    q, rows = (touches.q[:, step.joint] + np.where(step.rows, step.size, 0.0))[own], step.rows[own]
-    files = np.concatenate([term.poses.samples.file_names for term in touches.terms])[own]
+    of_joint = touches.own(step.joint)
+    q, rows = (
+        (touches.q[:, step.joint] + np.where(step.rows, step.size, 0.0))[of_joint],
+        step.rows[of_joint],
+    )
+    files = np.concatenate([term.poses.samples.file_names for term in touches.terms])[of_joint]
     count = f"in {len(in_rows)} of {len(q)} rows, in which its true angle is"
     for sign, side in ((1.0, "above"), (-1.0, "below")):
         if _beyond(sign * q, rows) >= len(in_rows) - doubt:
