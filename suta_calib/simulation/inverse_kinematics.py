@@ -34,6 +34,8 @@ _LENGTH: Final = 0.25
 _TOLERANCE: Final = 1e-12
 # Rounding may keep the last step from the tolerance; nobody notices a nanometre.
 _ARRIVED: Final = 1e3 * _TOLERANCE
+# Targets times starts that are searched at once: so few take hardly longer than one.
+_AT_ONCE: Final = 16
 
 
 @dataclass(frozen=True, eq=False)
@@ -218,8 +220,7 @@ class InverseKinematics:
             left = search(range(attempt, min(attempt + ahead, starts)), left)
             attempt += ahead
             # Where many have failed, more are tried at once.
-            # Targets times starts that are searched at once: so few take hardly longer than one.
-            ahead = max(min(attempt - 1, 16 // max(len(left), 1)), 1)
+            ahead = max(min(attempt - 1, _AT_ONCE // max(len(left), 1)), 1)
         if last + 1 in state:
             # What was drawn in vain is drawn again: nothing depends on how many are tried at once.
             rng.bit_generator.state = state[last + 1]

@@ -18,6 +18,8 @@ from suta_calib.errors import DeviceSilentError, DisconnectedError
 from suta_calib.optional_packages import load
 
 EXTRA: Final = "servo"
+# So long one may be silent before it is gone, s: a packet is lost now and then.
+_SILENT_S: Final = 1.0
 
 
 class ServoPort(Port):
@@ -70,8 +72,7 @@ class ServoPort(Port):
         for number in self._numbers:
             answer = self._position(number)
             if isinstance(answer, str):
-                # So long one may be silent before it is gone, s: a packet is lost now and then.
-                if time.perf_counter() - self._heard[number] > 1.0:
+                if time.perf_counter() - self._heard[number] > _SILENT_S:
                     raise DisconnectedError(
                         f"{self._spec.port}: servo {number} does not answer any more ({answer}); "
                         "check its cable and its power supply"
