@@ -22,6 +22,7 @@ INSTALLED := $(VENV)/.installed
 INSTALLED_DEV := $(VENV)/.installed-dev
 INSTALLED_BENCH := $(VENV)/.installed-bench
 INSTALLED_DOCS := $(VENV)/.installed-docs
+INSTALLED_RELEASE := $(VENV)/.installed-release
 # The oldest versions of everything that pyproject.toml allows.
 VENV_LOWEST := .venv-lowest
 INSTALLED_LOWEST := $(VENV_LOWEST)/.installed
@@ -41,7 +42,7 @@ unexport PYTHONDONTWRITEBYTECODE
 
 .DEFAULT_GOAL := help
 .PHONY: help demo thesis measured test coverage test-all test-lowest lint style format bench bench-device
-.PHONY: clean distclean docs
+.PHONY: clean distclean docs dist
 .DELETE_ON_ERROR:
 
 help:
@@ -55,6 +56,7 @@ help:
 	@echo "make measured   measured arms, ours beside others: docs/measured.md; FOLDERS=… adds your jobs"
 	@echo "make bench-device  the wire alone, at full length: 100 million bytes of noise, 60 s streams"
 	@echo "make docs       the documentation site: docs/_build/html/index.html"
+	@echo "make dist       what a release uploads: built, looked at, installed where nothing is, tried"
 	@echo "make lint       ruff and mypy only"
 	@echo "make format     let ruff format the code and mend what it can"
 	@echo "make clean      remove caches and results"
@@ -94,6 +96,10 @@ test-lowest: $(INSTALLED_LOWEST)
 docs: $(INSTALLED_DOCS)
 	$(BIN)/python -m sphinx -W --keep-going -q -b html docs docs/_build/html
 	@echo "Written: docs/_build/html/index.html"
+
+# Some minutes: an empty environment for each Python that is here, with the newest and the oldest.
+dist: $(INSTALLED_RELEASE)
+	$(BIN)/python tools/dist.py
 
 lint: style
 	$(BIN)/mypy
@@ -153,6 +159,11 @@ $(INSTALLED_BENCH): pyproject.toml constraints.txt | $(INSTALLED_DEV)
 $(INSTALLED_DOCS): pyproject.toml constraints.txt | $(INSTALLED)
 	@echo "Installing what the documentation is made with."
 	$(INSTALL) -e ".[docs]"
+	@touch $@
+
+$(INSTALLED_RELEASE): pyproject.toml | $(INSTALLED)
+	@echo "Installing what a release is built with."
+	$(INSTALL) -e ".[release]"
 	@touch $@
 
 $(INSTALLED_LOWEST): pyproject.toml constraints-lowest.txt $(OUTSIDE)/pyproject.toml | $(VENV_LOWEST)/bin/python

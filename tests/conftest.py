@@ -2,7 +2,9 @@ from __future__ import annotations
 
 import gc
 import os
+import re
 import signal
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -92,6 +94,38 @@ LONG = (
     "test_scene_script",
     "test_plan",
 )
+
+# Windows has no pseudo-terminals, forks, named pipes and signals between processes: what is tested
+# with these is left out there, and said.
+ON_WINDOWS = sys.platform == "win32"
+DEVICES = ("acquisition", "device", "emulation", "guide")
+POSIX = re.compile(
+    r"\b(fcntl|pty|resource|termios)\b|\bos\.(fork|geteuid|killpg|mkfifo)\b|\bSIG(INT|KILL|TERM)\b"
+    r"|import .*EmulatedArm|from (device_\w+|emulated|forked_notebook|interrupted_command) import"
+)
+
+
+def needs_posix(path: Path) -> bool:
+    """Whether a module of tests, or a folder of them, can only run on Linux and macOS."""
+    if path.is_dir():
+        return path.name in DEVICES
+    is_test = path.name.startswith("test_") and path.suffix == ".py"
+    return is_test and POSIX.search(path.read_text(encoding="utf-8")) is not None
+
+
+def pytest_ignore_collect(collection_path: Path) -> bool | None:
+    """Leave out what this system lacks the means for."""
+    return True if ON_WINDOWS and needs_posix(collection_path) else None
+
+
+def pytest_report_header() -> list[str]:
+    """Say what is left out."""
+    tests = Path(__file__).parent
+    left_out = [p for p in sorted(tests.rglob("*")) if ON_WINDOWS and needs_posix(p)]
+    names = [p.relative_to(tests).as_posix() for p in left_out]
+    return [
+        f"left out on Windows, which has no pty, fork or mkfifo: {', '.join(names)}"
+    ] * ON_WINDOWS
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:

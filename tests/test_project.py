@@ -74,6 +74,51 @@ def test_constraints_satisfy_every_requirement(
     assert refused == []
 
 
+# What conda-forge calls other than PyPI does.
+CONDA_NAMES = {"pin": "pinocchio", "matplotlib": "matplotlib-base"}
+
+
+def bounds(lines: list[Any]) -> set[str]:
+    """Requirements as one writes them for pip or for conda, without blanks."""
+    return {canonical_line(line) for line in lines if isinstance(line, str)}
+
+
+def canonical_line(line: str) -> str:
+    found = re.fullmatch(r"([\w.-]+)\s*(.*)", line)
+    assert found is not None
+    return canonical(found[1]) + found[2]
+
+
+def test_conda_asks_for_what_pip_asks_for(project: dict[str, Any], repository: Path):
+    wanted = {
+        CONDA_NAMES.get(r.name, canonical(r.name)) + str(r.specifier) for r in required(project)
+    }
+    environment = yaml.safe_load((repository / "environment.yml").read_text(encoding="utf-8"))
+    (from_pip,) = (d["pip"] for d in environment["dependencies"] if isinstance(d, dict))
+    listed = bounds(environment["dependencies"] + from_pip)
+    assert wanted <= listed
+    recipe = yaml.safe_load((repository / "conda" / "recipe.yaml").read_text(encoding="utf-8"))
+    assert recipe["context"]["version"] == suta_calib.__version__
+    needed = bounds(recipe["requirements"]["run"])
+    assert needed == wanted | {f"python{project['requires-python']}"}
+    assert recipe["build"]["python"]["entry_points"] == [
+        f"{name} = {target}" for name, target in project["scripts"].items()
+    ]
+
+
+def test_the_lock_is_of_this_project_and_of_the_public_index(
+    project: dict[str, Any], repository: Path
+):
+    text = (repository / "uv.lock").read_text(encoding="utf-8")
+    hosts = set(re.findall(r"\w+://([^/\"]+)", text))
+    assert hosts == {"pypi.org", "files.pythonhosted.org"}
+    # The package itself is the one that comes from the folder.
+    (own,) = re.findall(r"requires-dist = \[\n(.*?)\n\]", text, re.S)
+    locked = set(re.findall(r'name = "([\w.-]+)"', own))
+    wanted = {canonical(r.name) for r in required(project, *project["optional-dependencies"])}
+    assert locked - {project["name"].replace("_", "-")} == wanted
+
+
 def test_no_constraint_names_an_index(repository: Path):
     for file in repository.glob("constraints*.txt"):
         assert "://" not in file.read_text(encoding="utf-8")

@@ -13,7 +13,7 @@ from suta_calib import demo
 
 
 def test_the_demo_in_an_empty_folder(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Capture, undrawn: None
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Capture
 ) -> None:
     """The measured arm and the camera; `make dist` runs all of it from the wheel."""
     tried = demo.EXAMPLES[::2]
