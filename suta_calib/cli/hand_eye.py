@@ -22,17 +22,22 @@ from suta_calib.cli._options import (
 from suta_calib.cli._output import LateProgress, answer_command
 from suta_calib.cli._views import check_counts, views_of
 from suta_calib.geometry.lens import LENSES
+from suta_calib.measurements import read_board
 from suta_calib.measurements.pose_files import read_hand_poses, read_pose_pairs, read_scan_poses
 from suta_calib.measurements.profiles import read_profiles
+from suta_calib.measurements.seen_points import read_seen_points
 from suta_calib.pose_calibration import (
+    depth_camera_from_files,
     hand_eye_from_pairs,
     line_scanner_from_files,
     many_eyes_from_pairs,
 )
+from suta_calib.pose_calibration.depth_camera import SCALE_PPM
 from suta_calib.pose_calibration.loop_answer import with_scale
 from suta_calib.pose_calibration.picture_proof import pictures_with_proof
 from suta_calib.pose_calibration.pictures import hand_eye_from_pictures
 from suta_calib.pose_calibration.proof import with_proof
+from suta_calib.report.depth_camera import depth_camera_document
 from suta_calib.report.document import Document
 from suta_calib.report.hand_eye import hand_eye_document
 from suta_calib.report.line_scanner import line_scanner_document
@@ -88,6 +93,20 @@ if TYPE_CHECKING:
     click.Choice(["fixed", "free"]),
     "free",
 )
+@option(
+    "--planes",
+    "Planes that a depth camera saw, as planes writes them, in place of corners; repeat it for "
+    "further files.",
+    PATH,
+    multiple=True,
+)
+@option(
+    "--points",
+    "Points that a depth camera saw, as balls or detect --points-out write them; repeat it for "
+    "further files.",
+    PATH,
+    multiple=True,
+)
 @option("--profiles", "Profiles of a line scanner on the hand, in place of a camera.", PATH)
 @option(
     "--sphere-radius-mm MM",
@@ -107,6 +126,8 @@ def hand_eye(
     camera: tuple[NamedFile, ...],
     lens: str | None,
     intrinsics: Intrinsics,
+    planes: tuple[Path, ...],
+    points: tuple[Path, ...],
     profiles: Path | None,
     sphere_radius_mm: float | None,
     plane: bool,
@@ -133,9 +154,32 @@ def hand_eye(
     --board TARGET=FILE. A row of POSES.csv is of every camera that has corners in a picture of its
     name; with a column eye it is of that camera alone.
 
+    A depth camera: --planes or --points (or both) replace the b_ columns; with --board the points
+    are its corners. POSES.csv then has the columns image,x,y,z,qx,qy,qz,qw (or a_x, …). Planes and
+    points may stand anywhere, for eye-to-hand on the hand. One factor on all lengths of the camera
+    is estimated too; --scale-ppm is its standard deviation beforehand (default: 5000).
+
     A line scanner on the hand: --profiles (columns scan, x, z), and --sphere-radius-mm or --plane.
     POSES.csv then has the columns scan,x,y,z,qx,qy,qz,qw. X is the scanner in the hand.
     """
+    if planes or points:
+        others = corners or camera or lens or certify or intrinsics == "fixed" or profiles
+        if others or plane or sphere_radius_mm is not None:
+            raise click.UsageError(
+                "--planes and --points are for a depth camera, without --corners, --camera, "
+                "--lens, --intrinsics, --certify and the options of a line scanner"
+            )
+        given = click.get_current_context().get_parameter_source("scale_ppm")
+        stated = given is not click.core.ParameterSource.DEFAULT
+        return _depth_camera(
+            poses,
+            planes,
+            points,
+            board,
+            setup=setup,
+            scale_ppm=scale_ppm if stated else SCALE_PPM,
+            robust=not plain,
+        )
     _check(corners, board, camera, intrinsics, lens)
     if profiles is not None or sphere_radius_mm is not None or plane:
         others = corners or certify or setup != "eye-in-hand"
@@ -178,6 +222,39 @@ def hand_eye(
         if certify:
             calibration = with_proof(calibration)
     return hand_eye_document(calibration, data).with_data(**settings)
+
+
+def _depth_camera(
+    poses: Path,
+    planes: tuple[Path, ...],
+    points: tuple[Path, ...],
+    board: tuple[NamedFile, ...],
+    *,
+    setup: EyeSetup,
+    scale_ppm: float,
+    robust: bool,
+) -> Document:
+    """The answer on planes and points."""
+    if len(board) > 1 or (board and not points):
+        raise click.UsageError("--board is one file, of the board whose corners --points are")
+    hand = read_hand_poses(read_poses(poses, setup=setup))
+    with LateProgress("calibrating"):
+        answer = depth_camera_from_files(
+            hand,
+            planes=[read_seen_points(file, "plane", once=False) for file in planes],
+            points=[read_seen_points(file) for file in points],
+            board=read_board(board[0].path) if board else None,
+            setup=setup,
+            scale_ppm=scale_ppm,
+            robust=robust,
+        )
+    files = {
+        "planes_files": [str(file) for file in planes],
+        "points_files": [str(file) for file in points],
+    }
+    return depth_camera_document(answer, hand).with_data(
+        robust=robust, assumed_scale_ppm=scale_ppm, **files
+    )
 
 
 def _line_scanner(

@@ -178,7 +178,7 @@ def read_pose_pairs(source: str | Path | CsvTable) -> PosePairs:
 
 
 def read_hand_poses(source: str | Path | CsvTable) -> HandPoses:
-    """Columns ``a_x,a_y,a_z,a_qx,a_qy,a_qz,a_qw`` and ``image``.
+    """Columns ``a_x,a_y,a_z,a_qx,a_qy,a_qz,a_qw`` (or ``x,…``) and ``image``.
 
     And ``eye`` where every eye has rows, or names of pictures, of its own.
 
@@ -189,7 +189,7 @@ def read_hand_poses(source: str | Path | CsvTable) -> HandPoses:
         SutaCalibWarning: as `read_tool_poses`.
     """
     table = _table(source)
-    pose, notes = _poses(table, "a_")
+    pose, notes = _poses(table, _prefix(table, "a_"))
     image = table.labels("image", "a column with the name of the picture taken at each pose")
     eye = table.labels("eye") if "eye" in table.columns else None
     first: dict[tuple[str, str], int] = {}
@@ -214,8 +214,7 @@ def read_scan_poses(source: str | Path | CsvTable) -> ScanPoses:
         SutaCalibWarning: as `read_tool_poses`.
     """
     table = _table(source)
-    prefix = "a_" if any(name.startswith("a_") for name in table.columns) else ""
-    pose, notes = _poses(table, prefix)
+    pose, notes = _poses(table, _prefix(table, ""))
     scan = table.labels("scan", "a column with the name of the profile taken at each pose")
     first: dict[str, int] = {}
     for row, name in enumerate(scan.tolist()):
@@ -225,6 +224,12 @@ def read_scan_poses(source: str | Path | CsvTable) -> ScanPoses:
         first[name] = row
     _check_different(table, *pose)
     return ScanPoses(**_read(table, notes), pose=pose, scan=scan)
+
+
+def _prefix(table: CsvTable, otherwise: str) -> str:
+    """What stands before the names of the hand's columns: ``a_``, or nothing."""
+    there = [p for p in ("a_", "") if {f"{p}x", f"{p}x_mm"} & set(table.columns)]
+    return there[0] if there else otherwise
 
 
 def read_points(source: str | Path | CsvTable) -> PointSet:

@@ -1,3 +1,6 @@
+from .depth_camera import DepthCameraCalibration as DepthCameraCalibration
+from .depth_camera import calibrate_depth_camera as calibrate_depth_camera
+from .depth_camera import depth_camera_from_files as depth_camera_from_files
 from .hand_eye import HandEyeCalibration as HandEyeCalibration
 from .hand_eye import calibrate_hand_eye as calibrate_hand_eye
 from .hand_eye import hand_eye_from_pairs as hand_eye_from_pairs

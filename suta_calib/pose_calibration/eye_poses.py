@@ -97,6 +97,25 @@ def relative_pose(
     return between, np.asarray(jacobian @ covariance @ jacobian.T)
 
 
+def placed_points(
+    carrier: FloatArray, X: FloatArray, covariance: FloatArray, points: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Points (k, 3) of an eye outside what carries it, m, and their standard deviations by X's.
+
+    Args:
+        carrier: (4, 4) pose of what carries the eye, m.
+        X: (4, 4) pose of the eye in it, m.
+        covariance: (6, 6) of X: displacement (m, outer axes) and small turn (rad, eye's axes).
+        points: in the eye, m.
+    """
+    R, turn = carrier[:3, :3], X[:3, :3]
+    place = (points @ turn.T + X[:3, 3]) @ R.T + carrier[:3, 3]
+    by_turn = -np.einsum("ij,njk->nik", R @ turn, skew(points))
+    slope = np.concatenate([np.broadcast_to(R, by_turn.shape), by_turn], axis=2)
+    variance = np.einsum("nij,jk,nik->ni", slope, covariance, slope)
+    return np.asarray(place), np.asarray(np.sqrt(variance))
+
+
 class EyePoses(PoseAccuracy):
     """X and Z of an answer.
 

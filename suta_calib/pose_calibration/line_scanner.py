@@ -13,17 +13,17 @@ from suta_calib.arrays import FloatArray, IntArray
 from suta_calib.assessment import Assessment, judged
 from suta_calib.display import Displayable
 from suta_calib.errors import SamplesError
-from suta_calib.geometry.numbers import homogeneous, skew
+from suta_calib.geometry.numbers import homogeneous
 from suta_calib.measurements.pose_files import ScanPoses
 from suta_calib.measurements.profiles import Profiles
 from suta_calib.measurements.samples import Samples
-from suta_calib.pose_calibration.eye_poses import ENOUGH, PoseAccuracy
+from suta_calib.pose_calibration.eye_poses import ENOUGH, PoseAccuracy, placed_points
 from suta_calib.pose_calibration.inputs import checked_poses, error_context
 from suta_calib.pose_calibration.robust_answer import MANY_OUTLIERS, FittedRows
 from suta_calib.terms.poses import MeasuredPoses
 from suta_calib.terms.profile_fit import ScanFit, causes, fit_scans, model_of
 from suta_calib.terms.profile_rows import with_profiles
-from suta_calib.terms.profile_start import BallModel
+from suta_calib.terms.profile_start import BallModel, in_scanner
 from suta_calib.units import from_deg, mm, text
 from suta_calib.words import listed
 
@@ -101,13 +101,7 @@ class LineScannerCalibration(Displayable, PoseAccuracy, FittedRows):
             hand: (4, 4) ``T_base_hand``, m.
             points: in the scanner's plane, m.
         """
-        p = np.column_stack([points[:, 0], np.zeros(len(points)), points[:, 1]])
-        R, turn = hand[:3, :3], self.X[:3, :3]
-        place = (p @ turn.T + self.X[:3, 3]) @ R.T + hand[:3, 3]
-        by_turn = -np.einsum("ij,njk->nik", R @ turn, skew(p))
-        slope = np.concatenate([np.broadcast_to(R, by_turn.shape), by_turn], axis=2)
-        variance = np.einsum("nij,jk,nik->ni", slope, self.covariance, slope)
-        return np.asarray(place), np.asarray(np.sqrt(variance))
+        return placed_points(hand, self.X, self.covariance, in_scanner(points))
 
     @property
     @judged

@@ -28,6 +28,7 @@ from .pivot import pivot_document as pivot_document
 from .plan import bench_drawing as bench_drawing
 from .plan import gain_curve as gain_curve
 from .plan import plan_document as plan_document
+from .pose_plots import depth_camera_plot as depth_camera_plot
 from .pose_plots import draw_axes as draw_axes
 from .pose_plots import hand_eye_plot as hand_eye_plot
 from .pose_plots import line_scanner_plot as line_scanner_plot

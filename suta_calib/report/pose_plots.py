@@ -6,6 +6,8 @@ places are crowded on the sphere too; rings tell the angle from the middle.
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
+from itertools import cycle
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
@@ -21,6 +23,7 @@ from suta_calib.units import Unit, deg, from_deg, mm, shown, unit_name
 if TYPE_CHECKING:
     from suta_calib.measurements.pose_files import PointSet as MeasuredPoints
     from suta_calib.measurements.pose_files import ToolPoses
+    from suta_calib.pose_calibration.depth_camera import DepthCameraCalibration
     from suta_calib.pose_calibration.hand_eye import HandEyeCalibration
     from suta_calib.pose_calibration.line_scanner import LineScannerCalibration
     from suta_calib.pose_calibration.many_eyes import ManyEyesCalibration
@@ -30,6 +33,8 @@ if TYPE_CHECKING:
 # Residuals below it, mm or degrees, are rounding: exact data have no other.
 ROUNDING: Final = 1e-6
 RINGS: Final = (5, 10, 15, 30, 45, 60, 90, 120, 150, 180)  # deg
+# From which sides points are drawn: the axes that are seen.
+_SIDES: Final = {"above": (0, 1), "beside": (0, 2)}
 # How inliers and outliers are marked; sizes are points across.
 _INLIER: Final[dict[str, Any]] = {"marker": "o", "color": BLUE, "ls": "none", "clip_on": False}
 _OUTLIER: Final[dict[str, Any]] = _INLIER | {"marker": "X", "color": ORANGE, "mec": "black"}
@@ -81,20 +86,42 @@ def line_scanner_plot(calibration: LineScannerCalibration) -> str:
         rows = calibration.residuals, calibration.inliers, calibration.rms
         of_mean = " from its mean" if calibration.normal is None else ""
         _draw_residuals(panels["row"], f"{what}{of_mean}", *rows, "m", "scan (row, from 0)")
-        away = mm(calibration.profiles - calibration.place)
-        for name, (across, up) in {"above": (0, 1), "beside": (0, 2)}.items():
-            axes = panels[name]
-            shown_rows = thinned(away[:, across], away[:, up])
-            axes.plot(*away[shown_rows][:, [across, up]].T, ".", c=BLUE, ms=2.0)
-            if calibration.radius is not None:
-                turn, size = np.linspace(0.0, 2.0 * np.pi, 73), mm(calibration.radius)
-                axes.plot(size * np.cos(turn), size * np.sin(turn), c=GREY, lw=0.8)
-            axes.set_aspect("equal", adjustable="datalim")
-            axes.set(xlabel=f"{'xyz'[across]}, mm", ylabel=f"{'xyz'[up]}, mm")
-            axes.set_title(f"Profiles in the base, from the {calibration.seen},\nseen from {name}")
-            axes.grid()
+        away = calibration.profiles - calibration.place
+        _draw_sides(panels, [away], f"Profiles in the base, from the {calibration.seen}")
+        if calibration.radius is not None:
+            turn, size = np.linspace(0.0, 2.0 * np.pi, 73), mm(calibration.radius)
+            for name in _SIDES:
+                panels[name].plot(size * np.cos(turn), size * np.sin(turn), c=GREY, lw=0.8)
         title = "Hand-eye calibration of a line scanner: residuals and profiles"
         return svg_text(figure, "hand_eye", title)
+
+
+def depth_camera_plot(calibration: DepthCameraCalibration) -> str:
+    """An SVG: residuals by picture, and everything that was seen from two sides."""
+    outside = "base" if calibration.setup == "eye-in-hand" else "hand"
+    with picture("hand_eye", (WIDTH, 5.6)) as figure:
+        layout: Any = [["row", "row"], ["above", "beside"]]
+        panels = figure.subplot_mosaic(layout, height_ratios=(1.0, 1.5))
+        rows = calibration.residuals, calibration.inliers, calibration.rms
+        _draw_residuals(panels["row"], "Mean of a picture", *rows, "m", "picture (from 0)")
+        things = range(len(calibration.things))
+        seen = [calibration.points[calibration.thing_of == k] for k in things]
+        _draw_sides(panels, seen, f"All that was seen, in the {outside}")
+        title = "Hand-eye calibration of a depth camera: residuals and what was seen"
+        return svg_text(figure, "hand_eye", title)
+
+
+def _draw_sides(panels: Mapping[str, Any], things: Sequence[FloatArray], title: str) -> None:
+    """Draw points (k, 3), m, of some things, each in a colour of its own, from two sides."""
+    for name, (across, up) in _SIDES.items():
+        axes = panels[name]
+        for points, colour in zip(things, cycle((BLUE, ORANGE, GREY)), strict=False):
+            at = mm(points[:, [across, up]])
+            axes.plot(*at[thinned(*at.T)].T, ".", c=colour, ms=2.0)
+        axes.set_aspect("equal", adjustable="datalim")
+        axes.set(xlabel=f"{'xyz'[across]}, mm", ylabel=f"{'xyz'[up]}, mm")
+        axes.set_title(f"{title},\nseen from {name}")
+        axes.grid()
 
 
 def many_eyes_plot(calibration: ManyEyesCalibration) -> str:

@@ -207,7 +207,7 @@ class DepthPoints(DepthTerm, BoardEyeTerm):
 
     # ── what was seen ─────────────────────────────────────────────────────────────────────────
     @cached_property
-    def _on_board(self) -> FloatArray:
+    def on_board(self) -> FloatArray:
         """(n, 3) where on the board the point of each row is, m."""
         assert self.board is not None
         names, which = self.seen
@@ -231,14 +231,14 @@ class DepthPoints(DepthTerm, BoardEyeTerm):
         """Points on the board and in the camera, of each picture that tells the board's pose."""
         if self.board is None:
             return []
-        return [(self._on_board[rows], self.in_eye[rows]) for rows in self._posed]
+        return [(self.on_board[rows], self.in_eye[rows]) for rows in self._posed]
 
     @cached_property
     def _posed(self) -> list[IntArray]:
         """Rows of each picture with points that are not on a line."""
         order = np.argsort(self.picture, kind="stable")
         ends = np.flatnonzero(np.diff(self.picture[order])) + 1
-        return [rows for rows in np.split(order, ends) if _spread_out(self._on_board[rows])]
+        return [rows for rows in np.split(order, ends) if _spread_out(self.on_board[rows])]
 
     @cached_property
     def blocks(self) -> tuple[Block, ...]:
@@ -249,7 +249,7 @@ class DepthPoints(DepthTerm, BoardEyeTerm):
             points = 6 + 3 * which[:, None] + np.arange(3)
             own_columns = np.hstack([np.tile(np.arange(6), (n, 1)), points])
         else:
-            data.append(self._on_board)
+            data.append(self.on_board)
             own_columns = np.tile(np.arange(len(self.own_parameters)), (n, 1))
         residual = _off(self.setup, self.board is not None, self.stretch is not None)
         block = Block.per_sample(
@@ -311,7 +311,7 @@ class DepthPoints(DepthTerm, BoardEyeTerm):
         eye = pose_values(*inverse_poses((R, p)))
         if self.board is None:
             return np.concatenate([eye, points.reshape(-1)])
-        Z = register_points(self._on_board, points[which])
+        Z = register_points(self.on_board, points[which])
         return np.concatenate([eye, pose_values(*Z), rest])
 
     def _by_pictures(self, carrier: Poses) -> tuple[Poses, Poses]:
