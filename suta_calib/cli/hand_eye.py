@@ -163,8 +163,9 @@ def hand_eye(
     POSES.csv then has the columns scan,x,y,z,qx,qy,qz,qw. X is the scanner in the hand.
     """
     if planes or points:
-        others = corners or camera or lens or certify or intrinsics == "fixed" or profiles
-        if others or plane or sphere_radius_mm is not None:
+        of_pictures = bool(corners or camera or lens) or intrinsics == "fixed"
+        of_scanner = profiles is not None or plane or sphere_radius_mm is not None
+        if of_pictures or of_scanner or certify:
             raise click.UsageError(
                 "--planes and --points are for a depth camera, without --corners, --camera, "
                 "--lens, --intrinsics, --certify and the options of a line scanner"

@@ -39,6 +39,8 @@ from .sample_files import write_samples as write_samples
 from .samples import Samples as Samples
 from .scale import GRADES as GRADES
 from .scale import LengthScale as LengthScale
+from .seen_points import SeenPoints as SeenPoints
+from .seen_points import read_seen_points as read_seen_points
 from .yaml_file import YamlDocument as YamlDocument
 from .yaml_file import YamlSection as YamlSection
 from .yaml_file import read_yaml as read_yaml

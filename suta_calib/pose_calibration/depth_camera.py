@@ -159,14 +159,14 @@ class DepthCameraCalibration(Displayable, PoseAccuracy, FittedRows):
         """How well the pictures agree."""
         return f"RMS {text(self.rms, 'm')} mm over {int(self.inliers.sum())} pictures"
 
-    def in_base(self, points: ArrayLike, hand: ArrayLike | None = None) -> Poses:
+    def in_base(self, hand: ArrayLike | None, points: ArrayLike) -> tuple[FloatArray, FloatArray]:
         """Points (k, 3) of the camera in the base, m, and their standard deviations.
 
         These are by how well X is known.
 
         Args:
+            hand: (4, 4) ``T_base_hand``, m; None for a camera beside the arm.
             points: in the camera, m.
-            hand: (4, 4) ``T_base_hand``, m; of a camera on the hand.
         """
         if self.setup == EYE_IN_HAND and hand is None:
             raise ParameterError("no pose of the hand", "T_base_hand (4, 4)", where="hand")
@@ -268,6 +268,14 @@ def calibrate_depth_camera(
     if len(names) != len(position) or len(set(names.tolist())) != len(names):
         found = f"{len(set(names.tolist()))} names of {len(position)} poses"
         raise SamplesError(found, "a name for each pose, and each only once", where="images")
+    away = float(np.median(np.linalg.norm(position, axis=1)))
+    if away > FAR:
+        raise SamplesError(
+            f"poses of the hand about {away:.4g} m from its base",
+            "lengths in m",
+            where="hand",
+            hint="they look like mm: name their columns x_mm, y_mm, z_mm",
+        )
     samples = Samples.from_arrays([], np.zeros((len(names), 0)), labels={"image": names})
     poses = MeasuredPoses(rotation, position, samples)
     with warnings.catch_warnings(record=True) as caught:
@@ -293,8 +301,9 @@ def calibrate_depth_camera(
         named = listed(shown[~judging.inliers].tolist())
         wrong.append(f"Of the pictures, {named} contradict the others. Solve without --no-robust.")
     notes += _exchanged(judging, shown)
-    for term in terms:
-        for sentence, level in term.doubts.items():
+    for term, picture in zip(terms, rows.picture, strict=True):
+        fitted = term.take(judging.inliers[picture])
+        for sentence, level in fitted.doubts.items():
             # What the camera's scale does to a board is said with what the hand says of it.
             if "sees the board" not in sentence:
                 (wrong if level == "bad" else notes).append(sentence)
@@ -331,13 +340,12 @@ def _together(files: Sequence[SeenPoints]) -> SeenPoints | None:
             "columns sigma_x, sigma_y, sigma_z in all of them, or in none",
             file=files[stated.index(False)].path,
         )
+    sigmas = [one.sigma for one in files if one.sigma is not None]
     return SeenPoints(
         np.concatenate([one.image for one in files]),
         np.concatenate([one.point for one in files]),
         np.concatenate([one.position for one in files]),
-        np.concatenate([one.sigma for one in files if one.sigma is not None])
-        if stated[0]
-        else None,
+        np.concatenate(sigmas) if sigmas else None,
     )
 
 
@@ -398,12 +406,12 @@ def _refuse_misread(fit: DepthFit) -> None:
         return
     tried = [(middle_off(read), words) for words, read in _readings(rows)]
     best, words = min(tried, key=lambda one: one[0])
-    if _FAR_BETTER * best < middle:
+    if _FAR_BETTER * best < middle and best < _SUSPICIOUS * size:
         raise SamplesError(
             f"pictures that differ from where the hand has them by {mm(middle):.3g} mm, and by "
             f"{mm(best):.3g} mm {words}",
             "poses and pictures that belong together",
-            hint="correct the file of the poses",
+            hint="correct the files, and solve again",
         )
     # A tenth of the way that the hand moves is no error of a hand.
     if middle > 10.0 * _SUSPICIOUS * size:
