@@ -113,19 +113,25 @@ class Weighed:
         return Weighed(normal, pull, cost, self.sizes)
 
     @cached_property
-    def inverse(self) -> FloatArray:
-        """(p, p) of the curvature; what is open is far off, not infinitely."""
+    def _spectrum(self) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Units (p,) of the unknowns, and the curvature in these: values (p,) and axes (p, p)."""
         size = np.sqrt(np.maximum(np.diag(self.normal), 1e-300))
-        spread, axes = np.linalg.eigh(self.normal / np.outer(size, size))
-        # Relative size of a curvature that is rounding.
-        told = np.maximum(spread, 1e-13)
-        return np.asarray((axes / told) @ axes.T / np.outer(size, size))
+        values, axes = np.linalg.eigh(self.normal / np.outer(size, size))
+        # Relative size of a curvature that is rounding: what is open is far off, not infinitely.
+        return size, np.maximum(values, 1e-13), axes
+
+    @cached_property
+    def inverse(self) -> FloatArray:
+        """(p, p) of the curvature."""
+        size, values, axes = self._spectrum
+        return np.asarray((axes / values) @ axes.T / np.outer(size, size))
 
     @property
     def unlikely(self) -> float:
         """Negative logarithm of the restricted likelihood."""
+        size, values, _ = self._spectrum
         left = self.cost - float(self.pull @ self.inverse @ self.pull)
-        return 0.5 * (left + self.sizes + float(np.linalg.slogdet(self.normal)[1]))
+        return 0.5 * (left + self.sizes + float(np.sum(np.log(values)) + 2 * np.sum(np.log(size))))
 
 
 @dataclass(frozen=True, eq=False)

@@ -21,10 +21,8 @@ from suta_calib.terms.hand_eye_start import EYE_IN_HAND, EYE_TO_HAND, inverse_po
 
 def solved(scene: DepthScene, what: str = "table", **options: Any) -> DepthCameraCalibration:
     mark = "planes" if what in ("table", "room") else "points"
-    board = {"board": BOARD} if what == "board" else {}
-    return calibrate_depth_camera(
-        scene.hand, scene.images, **{mark: scene.seen}, **board, **options
-    )
+    seen: dict[str, Any] = {mark: scene.seen, "board": BOARD if what == "board" else None}
+    return calibrate_depth_camera(scene.hand, scene.images, **seen, **options)
 
 
 def off(found: DepthCameraCalibration, scene: DepthScene) -> np.ndarray:
@@ -90,8 +88,7 @@ def test_a_scale_of_the_depth_is_told_and_allowed_for(what: str) -> None:
     found = solved(scene, what)
     assert found.scale == pytest.approx(0.015, abs=4.0 * found.scale_std)
     assert np.abs(off(found, scene)).max() < 3.5
-    (note,) = found.assessment.notes
-    assert note.startswith("The camera's lengths are 1.")
+    (note,) = [n for n in found.assessment.notes if n.startswith("The camera's lengths are 1.")]
     assert "too long against what the hand moves" in note
     assert not solved(depth_scene(4, what), what).scale_sentence
 
@@ -114,8 +111,7 @@ def test_wrong_pictures_are_left_out_and_exchanged_ones_named() -> None:
     assert "c04.ply, c11.ply contradict the others" in plain.assessment.notes[0]
     scene = depth_scene(6)
     scene.images[3], scene.images[8] = scene.images[8], scene.images[3]
-    (note,) = solved(scene).assessment.notes
-    assert "fit the others if the two are exchanged" in note
+    assert any("two are exchanged" in note for note in solved(scene).assessment.notes)
 
 
 def _late(scene: DepthScene) -> DepthScene:
