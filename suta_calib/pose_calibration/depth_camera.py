@@ -22,12 +22,16 @@ from suta_calib.geometry.numbers import (
     rotation_from_quaternion,
 )
 from suta_calib.measurements import Board
-from suta_calib.measurements.pose_files import FAR, NEAR, HandPoses
+from suta_calib.measurements.pose_files import FAR, HandPoses
 from suta_calib.measurements.samples import Samples
 from suta_calib.measurements.scale import GRADES, PPM
 from suta_calib.measurements.seen_points import SeenPoints
-from suta_calib.pose_calibration.depth_fit import DepthFit, fit_depth, middle_off
-from suta_calib.pose_calibration.depth_rows import (
+from suta_calib.pose_calibration.eye_poses import ENOUGH, PoseAccuracy, placed_points
+from suta_calib.pose_calibration.inputs import checked_poses, error_context
+from suta_calib.pose_calibration.robust_answer import MANY_OUTLIERS, FittedRows, exchanged
+from suta_calib.pose_calibration.undetermined import axes_that_stand
+from suta_calib.terms.depth_fit import DepthFit, fit_depth, middle_off
+from suta_calib.terms.depth_rows import (
     EXACT,
     SCALE,
     SHARED,
@@ -36,12 +40,9 @@ from suta_calib.pose_calibration.depth_rows import (
     PlaneMarks,
     PointMarks,
     State,
+    seen_terms,
 )
-from suta_calib.pose_calibration.eye_poses import ENOUGH, PoseAccuracy, placed_points
-from suta_calib.pose_calibration.inputs import checked_poses, error_context
-from suta_calib.pose_calibration.robust_answer import MANY_OUTLIERS, FittedRows, exchanged
-from suta_calib.pose_calibration.undetermined import axes_that_stand
-from suta_calib.terms.depth_term import DepthTerm, with_seen
+from suta_calib.terms.depth_term import DepthTerm
 from suta_calib.terms.hand_eye_start import (
     EYE_IN_HAND,
     EYE_TO_HAND,
@@ -51,10 +52,7 @@ from suta_calib.terms.hand_eye_start import (
     as_eye_in_hand,
     inverse_poses,
 )
-from suta_calib.terms.plane_view import PlaneView
-from suta_calib.terms.points import DepthPoints
 from suta_calib.terms.poses import MeasuredPoses
-from suta_calib.terms.setup import Setup
 from suta_calib.units import from_deg, mm, text
 from suta_calib.words import enumerated, listed
 
@@ -280,7 +278,7 @@ def calibrate_depth_camera(
     poses = MeasuredPoses(rotation, position, samples)
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", SutaCalibWarning)
-        terms = _terms(poses, planes, points, board, setup)
+        terms = seen_terms(poses, planes, points, board, setup)
     notes = [f"{each.message}." for each in caught]
     rows, numbers = _rows_of(terms, (rotation, position), names, setup, scale_ppm * PPM)
     if len(rows) < FEWEST + 1:
@@ -347,35 +345,6 @@ def _together(files: Sequence[SeenPoints]) -> SeenPoints | None:
         np.concatenate([one.position for one in files]),
         np.concatenate(sigmas) if sigmas else None,
     )
-
-
-def _terms(
-    poses: MeasuredPoses,
-    planes: SeenPoints | None,
-    points: SeenPoints | None,
-    board: Board | None,
-    setup: EyeSetup,
-) -> tuple[DepthTerm, ...]:
-    """What was seen, beside the poses of its pictures."""
-    kinds: list[tuple[type[DepthTerm], SeenPoints, dict[str, Any]]] = []
-    if planes is not None:
-        kinds.append((PlaneView, planes, {}))
-    if points is not None:
-        kinds.append((DepthPoints, points, {"board": board} if board else {}))
-    terms = list[DepthTerm]()
-    for kind, seen, settings in kinds:
-        away = float(np.median(np.linalg.norm(seen.position, axis=1)))
-        if not NEAR <= away <= FAR:
-            unit = "mm: use columns x_mm, y_mm, z_mm" if away > FAR else "m: use columns x, y, z"
-            raise SamplesError(
-                f"{kind.mark}s about {away:.3g} m from the camera",
-                "lengths in m",
-                file=seen.path,
-                hint=f"they look like {unit}",
-            )
-        own = with_seen(poses, seen, kind.mark)
-        terms.append(kind.over(own, Setup(settings={"setup": setup, **settings})))
-    return tuple(terms)
 
 
 def _rows_of(

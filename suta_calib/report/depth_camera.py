@@ -12,6 +12,7 @@ from suta_calib.model.parameters import PLACEMENT
 from suta_calib.pose_calibration.depth_camera import DepthCameraCalibration, SeenThing
 from suta_calib.pose_calibration.eye_poses import FRAMES
 from suta_calib.report.document import Document, Figure, Part, Text
+from suta_calib.report.hand_eye import NAME
 from suta_calib.report.listing import Column, Json, Listing, plain
 from suta_calib.report.poses import (
     axes_with_std,
@@ -25,7 +26,6 @@ from suta_calib.report.poses import (
 )
 from suta_calib.units import deg, mm, text
 
-NAME: Final = "hand_eye"
 CALIBRATION: Final = Listing[DepthCameraCalibration](
     "",
     Column("rms", unit="m"),

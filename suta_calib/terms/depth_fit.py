@@ -22,7 +22,7 @@ from scipy.special import fdtri
 
 from suta_calib.arrays import BoolArray, FloatArray
 from suta_calib.geometry.numbers import rotation_from_vector
-from suta_calib.pose_calibration.depth_rows import (
+from suta_calib.terms.depth_rows import (
     OF_HAND,
     SCALE,
     DepthRows,

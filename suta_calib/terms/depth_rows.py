@@ -12,21 +12,27 @@ from abc import ABC, abstractmethod
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 
 from suta_calib.arrays import BoolArray, FloatArray, IntArray
+from suta_calib.errors import SamplesError
 from suta_calib.geometry.numbers import (
     register_points,
     right_singular,
     rotation_from_vector,
     skew,
 )
-from suta_calib.terms.depth_term import DepthTerm
+from suta_calib.measurements import Board
+from suta_calib.measurements.pose_files import FAR, NEAR
+from suta_calib.measurements.seen_points import SeenPoints
+from suta_calib.terms.depth_term import DepthTerm, with_seen
 from suta_calib.terms.hand_eye_start import EYE_IN_HAND, EyeSetup, Poses, some_poses
 from suta_calib.terms.plane_view import PlaneView
 from suta_calib.terms.points import DepthPoints
+from suta_calib.terms.poses import MeasuredPoses
+from suta_calib.terms.setup import Setup
 
 # Unknowns that all numbers share: a turn of X about its own axes, where it is, and the scale.
 SHARED: Final = 7
@@ -428,3 +434,36 @@ def _sums(
         square[:, unknown, unknown],
         apart[:, :3] / np.maximum(apart[:, 3:], 1.0),
     )
+
+
+def seen_terms(
+    poses: MeasuredPoses,
+    planes: SeenPoints | None,
+    points: SeenPoints | None,
+    board: Board | None,
+    setup: EyeSetup,
+) -> tuple[DepthTerm, ...]:
+    """What was seen, beside the poses of its pictures.
+
+    Raises:
+        SamplesError: points in another unit, or of pictures that no pose has.
+    """
+    kinds: list[tuple[type[DepthTerm], SeenPoints, dict[str, Any]]] = []
+    if planes is not None:
+        kinds.append((PlaneView, planes, {}))
+    if points is not None:
+        kinds.append((DepthPoints, points, {"board": board} if board else {}))
+    terms = list[DepthTerm]()
+    for kind, seen, settings in kinds:
+        away = float(np.median(np.linalg.norm(seen.position, axis=1)))
+        if not NEAR <= away <= FAR:
+            unit = "mm: use columns x_mm, y_mm, z_mm" if away > FAR else "m: use columns x, y, z"
+            raise SamplesError(
+                f"{kind.mark}s about {away:.3g} m from the camera",
+                "lengths in m",
+                file=seen.path,
+                hint=f"they look like {unit}",
+            )
+        own = with_seen(poses, seen, kind.mark)
+        terms.append(kind.over(own, Setup(settings={"setup": setup, **settings})))
+    return tuple(terms)
