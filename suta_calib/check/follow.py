@@ -14,6 +14,9 @@ over all suspects is a martingale too, an e-value at any time (Ramdas et al. 202
 doi:10.1214/23-STS894), and by Ville's inequality it ever reaches 1 / α with a probability of at
 most α, however long rows come and whenever somebody looks.
 
+Rows come in stretches of so many numbers, so that no row costs more than those before it. Stretch k
+is a test by itself, of its rows alone and with the k (k + 1)-th part of α: these parts sum to α.
+
 A row that is far off is held back until the next: if that one is off too, both count; else it was
 a bad row. Nothing that is sound is hidden by it, and one bad row makes no change.
 """
@@ -37,6 +40,7 @@ from suta_calib.measurements import Samples
 from suta_calib.terms.term import Term
 from suta_calib.threads import single_threaded
 from suta_calib.trust.linear_fit import LinearFit
+from suta_calib.trust.subsampled import ENOUGH_CORNERS, of_fewer_corners
 from suta_calib.units import Unit
 
 # Sizes of changes that are looked for: a millimetre, as much at half a metre, …
@@ -51,7 +55,8 @@ class FollowStep(Displayable):
 
     Attributes:
         rows: so far.
-        evidence: E, for a change of any sort; changed where it has reached ``limit``.
+        evidence: E of the best stretch, times its part of α, for a change of any sort; changed
+            where it has reached ``limit``.
         limit: 1 / α.
         held: whether the last row is far off and waits for the next one.
         bad_rows: rows that were far off while their neighbours were not.
@@ -92,7 +97,10 @@ class Follow(Displayable):
     _rows: list[Samples] = field(default_factory=list, init=False)
     _held: list[Samples] = field(default_factory=list, init=False)
     _bad: list[str] = field(default_factory=list, init=False)
-    _most: float = field(default=0.0, init=False)
+    _before: int = field(default=0, init=False)
+    _stretch: int = field(default=1, init=False)
+    _known: tuple[float, int] = field(default=(0.0, 0), init=False)
+    _most: float = field(default=-math.inf, init=False)
 
     @single_threaded
     def add(self, term: Term, first: int = 0) -> FollowStep:
@@ -102,16 +110,19 @@ class Follow(Displayable):
             term: over the same arm, of a kind that was calibrated; one row or several.
             first: of its rows, the one from which on they are new.
         """
-        self._term = term
-        for k in range(first, len(term.poses)):
-            self._take(term.poses.samples.take([k]))
+        self._term = of_fewer_corners(term, ENOUGH_CORNERS)
+        samples = self._term.poses.samples
+        for k in range(first, len(samples)):
+            if self.step.changed:
+                break
+            self._take(samples.take([k]))
         return self.step
 
     @property
     def step(self) -> FollowStep:
         """What is known after the rows so far."""
         return FollowStep(
-            len(self._rows) + len(self._held) + len(self._bad),
+            self._before + len(self._rows) + len(self._held) + len(self._bad),
             math.exp(min(self._most, 700.0)),
             1.0 / self.false_alarm,
             bool(self._held),
@@ -119,7 +130,7 @@ class Follow(Displayable):
         )
 
     def check(self) -> Check:
-        """All rows so far at once: what changed, if it was decided that something did.
+        """The rows of this stretch at once: what changed, if it was decided that something did.
 
         Raises:
             SamplesError: no rows yet.
@@ -127,7 +138,8 @@ class Follow(Displayable):
         checking = self._checking([*self._rows, *self._held])
         if checking is None:
             raise SamplesError("no rows", "at least one row", where="follow")
-        found = replace(checking.run(), p=min(1.0, math.exp(-self._most)))
+        p = math.exp(min(-self._most, 0.0))
+        found = replace(checking.run(), p=p, rows=self.step.rows)
         found = replace(found, bad_rows=tuple(dict.fromkeys([*self._bad, *found.bad_rows])))
         if not self.step.changed:
             return replace(found, changed=())
@@ -135,25 +147,34 @@ class Follow(Displayable):
             return found
         # What one test at a time shows need not be what all rows show at once.
         _, best = self._evidence(checking)
-        change = FoundChange(best.what, {}, math.exp(-self._most), (), best.names)
+        change = FoundChange(best.what, {}, p, (), best.names)
         return replace(found, changed=(change,))
 
     def _take(self, row: Samples) -> None:
         """One row: it counts, waits, or was a bad one."""
-        far = self._is_far(row)
+        rows, checking = [*self._rows, row], self._checking([*self._rows, row])
+        squares = (0.0, 0) if checking is None else _squares(checking)
+        far = self._is_far(squares)
         if far and not self._held:
             self._held = [row]
             return
-        if far or not self._held:
-            self._rows += [*self._held, row]
-        else:
+        if far and self._held:
+            rows = [*self._rows, *self._held, row]
+            checking = self._checking(rows)
+            squares = (0.0, 0) if checking is None else _squares(checking)
+        elif self._held:
             self._bad += [origin for held in self._held for origin in held.origin]
-            self._rows.append(row)
-        self._held = []
-        checking = self._checking(self._rows)
-        if checking is not None:
-            # Once reached, it stays: what is certain at a time that nobody chose is certain.
-            self._most = max(self._most, self._evidence(checking)[0])
+        self._rows, self._held, self._known = rows, [], squares
+        if checking is None:
+            return
+        # Once reached, it stays: what is certain at a time that nobody chose is certain.
+        part = math.log(self._stretch * (self._stretch + 1))
+        self._most = max(self._most, self._evidence(checking)[0] - part)
+        # So many numbers show what can be found at all, and weigh in a few hundredths of a second.
+        if squares[1] >= 240 and not self.step.changed:
+            self._before += len(self._rows)
+            self._stretch += 1
+            self._rows, self._known = [], (0.0, 0)
 
     def _checking(self, rows: list[Samples]) -> Checking | None:
         """A check of some rows; None where they are too few to be looked at."""
@@ -167,15 +188,9 @@ class Follow(Displayable):
             return None
         return self.checker.checking(term, self.false_alarm)
 
-    def _is_far(self, row: Samples) -> bool:
-        """Whether a row is far from where those before it have it."""
-        before, after = self._checking(self._rows), self._checking([*self._rows, row])
-        if after is None:
-            return False
-        squares, count = _squares(after)
-        if before is not None:
-            earlier, fewer = _squares(before)
-            squares, count = squares - earlier, count - fewer
+    def _is_far(self, after: tuple[float, int]) -> bool:
+        """Whether a row is far from where those before it have it: squares with it, and numbers."""
+        squares, count = (now - before for now, before in zip(after, self._known, strict=True))
         if count < 1:
             return False
         freedom = self.checker.errors.freedom

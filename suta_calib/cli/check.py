@@ -108,7 +108,8 @@ def _followed(
     quiet, said = click.get_current_context().params["as_json"], console()
     done = 0
     with ended_by_sigterm(), suppress(KeyboardInterrupt):
-        for copy in growing(file, seconds):
+        for copy, fresh in growing(file, seconds):
+            done = 0 if fresh else done
             try:
                 (term,) = read([copy])
             except InputError as error:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 
+import pytest
 from checked_scene import checker, scene, shifted, with_joint_off
 
 from suta_calib.check import Follow
@@ -32,4 +33,19 @@ def test_a_joint_that_slipped_is_told_after_a_few_rows_and_named() -> None:
     assert not check.unchanged
     # Few rows tell it from little else.
     (first, *_) = check.changed
+    assert "joint joint_3" in (first.what, *first.instead)
+
+
+@pytest.mark.slow
+def test_rows_that_never_end_cost_no_more_than_the_first_and_hide_no_change() -> None:
+    """Sound ones over several stretches, and then a joint that slips."""
+    follow, later = Follow(checker()), scene()[2]
+    for term in later[:14]:
+        assert not follow.add(term).changed
+    # Of 126 rows with three numbers each, those of the last stretch are left.
+    assert len(follow._rows) < 81
+    step = follow.add(with_joint_off(later[15], 2, math.radians(0.3)))
+    assert step.changed
+    assert 126 < step.rows <= 135
+    (first, *_) = follow.check().changed
     assert "joint joint_3" in (first.what, *first.instead)

@@ -12,6 +12,8 @@ import numpy as np
 import pytest
 from cli_job import Capture, answer, cli, refused, simulated, write_simulated_job
 
+from suta_calib.check.growing import growing
+from suta_calib.errors import SamplesError
 from suta_calib.measurements import Samples, write_samples
 from suta_calib.model.arm import ArmModel
 
@@ -227,3 +229,64 @@ def test_postures_for_a_check_are_planned_from_a_result(calibrated: Path, tmp_pa
     lines = (out / "plan_check.csv").read_text().splitlines()
     assert lines[0].startswith("name,joint_1")
     assert len(lines) == 6
+
+
+def test_a_file_that_is_begun_anew_is_followed_on(tmp_path: Path) -> None:
+    """As programs do that keep one file for each day."""
+    file = tmp_path / "rows.csv"
+    file.write_text("a,b\n1,2\n3,4\n5,")
+    copies = growing(file, None)
+    copy, fresh = next(copies)
+    assert (copy.read_text(), fresh) == ("a,b\n1,2\n3,4\n", True)
+    file.write_text("a,b\n1,2\n3,4\n5,6\n")
+    assert not next(copies)[1]
+    file.unlink()
+    file.write_text("a,b\n7,8\n")
+    copy, fresh = next(copies)
+    assert (copy.read_text(), fresh) == ("a,b\n7,8\n", True)
+    file.write_text("a,c\n")
+    with pytest.raises(SamplesError, match="other columns"):
+        next(copies)
+    file.write_text("a,b\n1,2\n")
+    copies = growing(file, None)
+    next(copies)
+    file.write_text("a,b\n1,9\n3,4\n")
+    with pytest.raises(SamplesError, match="other rows than before"):
+        next(copies)
+
+
+def test_ctrl_c_ends_following_with_what_is_known(
+    calibrated: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def interrupted(seconds: float) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("suta_calib.check.growing.time.sleep", interrupted)
+    file = edited(calibrated, first_rows(3))
+    found = answer("check", calibrated / "results", file, "--follow")
+    assert found["rows"] == 3
+    assert found["unchanged"]
+
+
+def test_a_result_that_is_half_written_or_not_its_own_is_refused(
+    calibrated: Path, tmp_path: Path
+) -> None:
+    text = (calibrated / "results" / "result.json").read_text()
+    for content in ("", text[: len(text) // 2], "[]", "{}"):
+        (tmp_path / "result.json").write_text(content)
+        assert "result.json" in refused("check", tmp_path, calibrated / "sound.csv")
+    # Its job is gone, and its copy too.
+    gone = text.replace("calibration.yaml", "nowhere.yaml")
+    (tmp_path / "result.json").write_text(gone)
+    assert "nowhere.yaml" in refused("check", tmp_path, calibrated / "sound.csv")
+
+
+def test_rows_of_another_arm_are_no_single_change(
+    calibrated: Path, repository: Path, capsys: Capture
+) -> None:
+    """Of the same joints, but with other lengths: an arm of another table."""
+    arm = ArmModel.from_urdf(repository / "urdf" / "suta_table_4_2.urdf", "tip")
+    rows = simulated(arm, 12, seed=5)
+    write_samples(calibrated / "another.csv", rows)
+    assert cli("check", calibrated / "results", calibrated / "another.csv") == 1
+    assert "another arm" in " ".join(capsys.readouterr().out.split())
