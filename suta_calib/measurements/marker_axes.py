@@ -14,14 +14,17 @@ from typing import Final
 
 import numpy as np
 
-from suta_calib.arrays import FloatArray
+from suta_calib.arrays import FloatArray, IntArray
 from suta_calib.geometry.numbers import rpy_from_rotation
-from suta_calib.measurements.board import Board, Markers
+from suta_calib.measurements.board import CORNERS, Board, Markers
 from suta_calib.measurements.corners import Corners
 from suta_calib.units import deg
 
-# Corners of a marker.
-CORNERS: Final = 4
+BACKWARDS: Final = (
+    "The corners of the markers are listed counter-clockwise, and expected clockwise from the top "
+    "left. They are used as they are listed, with the positions in the file, so the frame of the "
+    "board does not change. To correct it, list them clockwise."
+)
 # Singular value of centred points, relative to the first, of which a plane has none.
 FLAT: Final = 1e-6
 
@@ -38,7 +41,8 @@ def markers_as_seen(board: Board, corners: Corners) -> tuple[Board, str]:
     misfits = []
     placed = np.isin(corners.point // CORNERS, board.unplaced, invert=True)
     for name in corners.images:
-        rows = (corners.image == name) & placed
+        rows = np.flatnonzero((corners.image == name) & placed)
+        rows = rows[np.argsort(corners.point[rows])]
         point = corners.point[rows]
         if len(point) < 2 * CORNERS or len(np.unique(point // CORNERS)) < 2:
             continue
@@ -55,7 +59,20 @@ def markers_as_seen(board: Board, corners: Corners) -> tuple[Board, str]:
     # times less: the true one leaves ten times less and better.
     if misfit[0] < 0.1 or 4.0 * misfit[best] > misfit[0]:
         return board, ""
-    return ways[best], _sentence(board, ways[best])
+    backwards = counter_clockwise(corners.table(board.points).reshape(-1, CORNERS, 2))
+    return ways[best], BACKWARDS if backwards else _sentence(board, ways[best])
+
+
+def counter_clockwise(quads: FloatArray) -> bool:
+    """Whether most of the corners (n, 4, 2), px, of markers run counter-clockwise in pictures.
+
+    Those of a marker that is printed as it should be, on what one cannot look through, run so only
+    if they are listed so.
+    """
+    across, along = quads[:, 2] - quads[:, 0], quads[:, 3] - quads[:, 1]
+    area = across[:, 0] * along[:, 1] - across[:, 1] * along[:, 0]
+    area = area[np.isfinite(area)]
+    return bool(len(area) and np.median(area) < 0.0)
 
 
 def _other_ways() -> list[FloatArray]:
@@ -72,7 +89,7 @@ def _turned(board: Markers, turn: FloatArray) -> Markers:
     return replace(board, markers=markers)
 
 
-def _misfit(points: FloatArray, pixels: FloatArray, numbers: FloatArray) -> float:
+def _misfit(points: FloatArray, pixels: FloatArray, numbers: IntArray) -> float:
     """RMS, in edges of a marker, that the best projective map of points (n, 3) leaves."""
     centred = points - points.mean(axis=0)
     _, size, axes = np.linalg.svd(centred, full_matrices=False)

@@ -32,7 +32,7 @@ from suta_calib.pose_calibration.robust_answer import MANY_OUTLIERS
 from suta_calib.pose_calibration.undetermined import NotFound
 from suta_calib.solver.solution import Solution
 from suta_calib.solver.weights import Learned
-from suta_calib.terms.board_pictures import MIRRORED, QUOTED, TURNED
+from suta_calib.terms.board_pictures import QUOTED, TURNED
 from suta_calib.terms.hand_eye_start import EYE_IN_HAND, EyeSetup
 from suta_calib.terms.intrinsics import CALIBRATED
 from suta_calib.terms.lens_choice import LensChoice
@@ -86,7 +86,8 @@ class CameraEstimate(EyePoses):
             alone, m and rad.
         corners: (m, 7) of every corner: picture, point, u, v, and error in u, in v (px), and
             whether its picture was fitted.
-        behind: whether the board is seen from behind, which its numbering alone decides.
+        numbered_otherwise: how its corners are numbered if not as usual, in a sentence or empty,
+            and what an answer is worth for it.
         board_size: how many times as large as its file says the board would be, for all that the
             hand's motions tell.
         other_size: what in the camera's file denies the size of picture that it says, in a
@@ -119,7 +120,7 @@ class CameraEstimate(EyePoses):
     slides: FloatArray
     turns: FloatArray
     corners: FloatArray
-    behind: bool
+    numbered_otherwise: tuple[str, Level]
     board_size: Learned
     other_size: str
     lens_choice: LensChoice | None
@@ -233,8 +234,9 @@ class PictureCalibration:
             if camera.lens_choice is not None:
                 facts.append(which + camera.lens_choice.sentence)
             objection, level = _against_the_file(camera)
-            if objection:
-                {"bad": bad, "care": care, "good": facts}[level].append(which + objection)
+            for sentence, worth in ((objection, level), camera.numbered_otherwise):
+                if sentence:
+                    {"bad": bad, "care": care, "good": facts}[worth].append(which + sentence)
             if level == "good" and (better := _better_if_held(camera)):
                 facts.append(which + better)
         sentence = "; ".join(
@@ -395,8 +397,6 @@ def _judged(camera: CameraEstimate, noise: PictureNoise) -> tuple[list[str], lis
         for what, names in camera.turned.items()
         if names
     ]
-    if camera.behind:
-        care.append(f"{MIRRORED} X does not depend on it; Z does.")
     if camera.other_size:
         care.append(camera.other_size)
     if camera.inverted != "good":

@@ -486,7 +486,7 @@ def _camera_estimate(
         slides=p - Z[1],
         turns=turns,
         corners=corners,
-        behind=refined.pictures.behind,
+        numbered_otherwise=term.pictures.numbered_otherwise,
         board_size=size,
         other_size=other_size(term.pictures),
         lens_choice=term.lens_choice,

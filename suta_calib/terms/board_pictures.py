@@ -19,9 +19,12 @@ from typing import Final
 import numpy as np
 
 from suta_calib.arrays import BoolArray, FloatArray
+from suta_calib.assessment import Level
 from suta_calib.errors import SutaCalibWarning
 from suta_calib.geometry.numbers import quaternion_from_rotation, vector_from_rotation
-from suta_calib.measurements import Board, Camera
+from suta_calib.measurements import Board, Camera, Markers
+from suta_calib.measurements.board import CORNERS
+from suta_calib.measurements.marker_axes import counter_clockwise
 from suta_calib.terms.camera_start import poses_in_camera
 from suta_calib.terms.hand_eye_start import (
     FEWEST,
@@ -97,9 +100,16 @@ def _angles(a: FloatArray, b: FloatArray) -> FloatArray:
     return np.asarray(2.0 * np.arccos(np.minimum(cosine, 1.0)))
 
 
-MIRRORED: Final = (
-    "The board is seen from behind: its corners are numbered in mirror image (columns and rows "
-    "exchanged, or y upwards)."
+# What the numbering of corners does to the board's frame, where it is not the usual one.
+UNTOUCHED: Final = "The pose of the camera does not depend on it; that of the board does."
+OUTWARDS: Final = (
+    "The corners are numbered so that z of the board's frame points out of its face, as with y "
+    f"upwards or columns and rows exchanged; usually z points into it. {UNTOUCHED}"
+)
+COUNTER_CLOCKWISE: Final = (
+    "The corners of the markers are listed counter-clockwise, and expected clockwise: top left, "
+    "top right, bottom right, bottom left. A program that finds markers may list them so. "
+    f"{UNTOUCHED} The axes of the markers turn with it."
 )
 # Pictures that a sentence names.
 QUOTED: Final = 5
@@ -155,13 +165,19 @@ class BoardPictures:
         return np.isfinite(self.poses[1][:, 0])
 
     @property
-    def behind(self) -> bool:
-        """Whether a flat board is seen from behind, which its numbering alone decides."""
+    def numbered_otherwise(self) -> tuple[str, Level]:
+        """How the corners are numbered if not as usual, and what an answer is worth for it.
+
+        No camera sees a board from behind: a frame that seems to be is that of another numbering.
+        """
+        if isinstance(self.board, Markers):
+            backwards = counter_clockwise(self.pixels.reshape(-1, CORNERS, 2))
+            return (COUNTER_CLOCKWISE, "care") if backwards else ("", "good")
         if not self.board.flat:
-            return False
+            return "", "good"
         rotation, position = some_poses(self.poses, self.posed)
-        facing = np.einsum("ni,ni->n", rotation[:, :, 2], position) * self.board.into
-        return bool(len(facing) and np.median(facing) < 0)
+        facing = np.einsum("ni,ni->n", rotation[:, :, 2], position)
+        return (OUTWARDS if len(facing) and np.median(facing) < 0 else ""), "good"
 
     @cached_property
     def errors(self) -> FloatArray:

@@ -18,7 +18,7 @@ from suta_calib.assessment import Level
 from suta_calib.errors import InputError, SamplesError
 from suta_calib.geometry.lens import LENSES, Lens
 from suta_calib.measurements import Board, Camera, corners_of
-from suta_calib.terms.board_pictures import MIRRORED, QUOTED, ROUNDING, TURNED, BoardPictures
+from suta_calib.terms.board_pictures import QUOTED, ROUNDING, TURNED, BoardPictures
 from suta_calib.terms.camera_start import PLANAR, board_poses, columns_exchanged
 from suta_calib.terms.hand_eye_start import Poses
 from suta_calib.terms.lens_choice import best_lens
@@ -285,11 +285,12 @@ def doubts(
     than others (``robust``), they spoil nothing.
     """
     levels: dict[str, Level] = {}
-    if pictures.behind:
-        levels[f"{MIRRORED} The camera's pose does not depend on it; the board's does."] = "care"
+    sentence, level = pictures.numbered_otherwise
+    if sentence:
+        levels[sentence] = level
     if other := other_size(pictures):
         levels[other] = "care"
-    level: Level = "care" if robust else "bad"
+    level = "care" if robust else "bad"
     levels |= dict.fromkeys(_strange(pictures, names), level)
     for what, rows in pictures.upside_down(hand).items():
         if rows.any():

@@ -107,6 +107,7 @@ def assess_calibration(examined: CalibrationExamination) -> Assessment:
         bad=bad,
         care=care,
         facts=[
+            *(sentence for sentence, level in doubts.items() if level == "good"),
             *judge("what is held at nominal", lambda: _as_drawn(examined), failed),
             *judge("the scale", lambda: _on_scale(examined), failed),
             *priors.facts,

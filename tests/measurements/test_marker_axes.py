@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -19,6 +21,7 @@ from suta_calib.measurements import (
 )
 from suta_calib.measurements.marker_axes import markers_as_seen
 from suta_calib.terms import CameraView, MeasuredPoses
+from suta_calib.terms.board_pictures import BoardPictures
 
 INTRINSICS = np.array([600.0, 600.0, 320.0, 240.0, -0.25, 0.1, 0.0, 0.0, 0.0])
 Y_UP = np.diag([1.0, -1.0, -1.0])
@@ -78,4 +81,19 @@ def test_pictures_of_an_arm_are_read_so_too():
     with pytest.warns(SutaCalibWarning, match="places the markers with y up"):
         term = CameraView.of_corners(poses, corners, grid(np.eye(3)), Camera(640, 480, INTRINSICS))
     assert np.nanmax(term.pictures.rms) < 0.4
-    assert not term.pictures.behind
+    assert term.pictures.numbered_otherwise == ("", "good")
+
+
+def test_corners_that_are_listed_counter_clockwise_are_named():
+    """As the AprilTag library lists them: it is not the file that is wrong."""
+    board = grid(np.eye(3))
+    clockwise = seen(board)
+    listed = replace(clockwise, point=4 * (clockwise.point // 4) + 3 - clockwise.point % 4)
+    turned, sentence = markers_as_seen(board, listed)
+    assert "listed counter-clockwise" in sentence
+    assert np.allclose(turned.positions(range(48)), board.positions(np.arange(48) ^ 3))
+    nowhere = replace(board, markers={n: Marker(size=0.035) for n in board.markers})
+    camera = Camera(640, 480, INTRINSICS)
+    for corners, level in ((clockwise, "good"), (listed, "care")):
+        pictures = BoardPictures(nowhere, camera, corners.table(nowhere.points))
+        assert pictures.numbered_otherwise[1] == level
