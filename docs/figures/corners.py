@@ -6,6 +6,7 @@ numbers and frames that the package gives their points.
 
 from __future__ import annotations
 
+from functools import cache
 from pathlib import Path
 
 import matplotlib as mpl
@@ -18,7 +19,8 @@ from matplotlib.axes import Axes
 
 from suta_calib.arrays import FloatArray
 from suta_calib.measurements import Board, Camera, Charuco, Chessboard, Marker, Markers
-from suta_calib.vision import rendered
+from suta_calib.vision import RenderOptions, rendered
+from suta_calib.vision.pictures import Grey
 
 FOLDER = Path(__file__).resolve().parent
 CAMERA = Camera(460, 380, np.array([600.0, 600.0, 229.5, 189.5, 0.0, 0.0, 0.0, 0.0, 0.0]))
@@ -42,10 +44,17 @@ def facing(board: Board) -> FloatArray:
     return pose
 
 
+@cache
+def picture(board: Board) -> Grey:
+    """A board as the camera sees it."""
+    how = RenderOptions(noise=0.0)
+    return rendered(board, CAMERA, facing(board), np.random.default_rng(0), how)
+
+
 def draw(axes: Axes, title: str, board: Board) -> None:
     """A board as it is seen, the numbers of its points, and its frame."""
     pose = facing(board)
-    axes.imshow(rendered(board, CAMERA, pose, np.random.default_rng(0)), cmap="gray", vmax=255)
+    axes.imshow(picture(board), cmap="gray", vmax=255)
     for number, point in board.points.items():
         u, v = CAMERA.project(point + pose[:3, 3])
         axes.plot(u, v, "o", color="#1f77b4", markersize=3.5)
