@@ -14,12 +14,13 @@ from suta_calib import vision
 from suta_calib.assessment import refuse_unusable
 from suta_calib.check.checking import Checker
 from suta_calib.check.pose_answers import PoseAnswer, command_of, read_pose_answer
+from suta_calib.check.target_poses import with_target_poses
 from suta_calib.display import Displayable
 from suta_calib.errors import InputError, SamplesError
 from suta_calib.job.calibration import CalibrationJob
 from suta_calib.job.job_terms import read_term
 from suta_calib.job.schema import ObservationSpec
-from suta_calib.measurements import read_board, write_corners
+from suta_calib.measurements import Board, Camera, read_board, read_camera, write_corners
 from suta_calib.measurements.corners import Corners
 from suta_calib.measurements.csv_table import read_csv_table
 from suta_calib.solver.covariance import Spread
@@ -62,7 +63,11 @@ class ReadBack(Displayable):
         return self.job.title
 
     def terms(
-        self, files: Sequence[str | Path], like: str = "", board: Path | None = None
+        self,
+        files: Sequence[str | Path],
+        like: str = "",
+        board: Path | None = None,
+        camera: Path | None = None,
     ) -> list[Term]:
         """New rows as terms: each file by the row of the job that it is like.
 
@@ -71,6 +76,7 @@ class ReadBack(Displayable):
                 or folders), in which the corners are then found.
             like: kind or label of the job's row, where several suit a file.
             board: in the pictures, where it is not that of the job.
+            camera: that took them, where the job has the poses of a target in place of pictures.
 
         Raises:
             InputError: a file that is like no row of the job, or like several.
@@ -78,41 +84,61 @@ class ReadBack(Displayable):
         paths = [Path(file) for file in files]
         pictures = [path for path in paths if path.is_dir() or path.suffix.lower() in SUFFIXES]
         samples = [path for path in paths if path not in pictures]
-        if not pictures:
-            return self._terms(samples, like)
-        with TemporaryDirectory(prefix="suta-calib-") as folder:
-            corners = Path(folder) / "corners.csv"
-            write_corners(corners, self._corners_in(pictures, like, board))
-            return self._terms([*samples, corners], like)
+        with TemporaryDirectory(prefix="suta-calib-") as place:
+            folder = Path(place)
+            corners = [file for file in samples if _columns(file) >= _CORNERS]
+            samples = [file for file in samples if file not in corners]
+            if pictures:
+                seen = self._seen(like, board, camera, pictures[0])
+                corners.append(folder / "corners.csv")
+                write_corners(corners[-1], _corners_in(pictures, *seen))
+            if len(corners) > 1:
+                expected = "one file of corners, for the pictures of all samples"
+                raise SamplesError(f"{len(corners)} files of corners", expected, file=corners[1])
+            if not samples:
+                expected = "the samples too: the joints' readings at each row"
+                raise SamplesError("no samples", expected, file=next(iter(corners), None))
+            if corners and not self._rows_with("corners", like):
+                known, lens = self._seen(like, board, camera, corners[0])
+                if lens is None:
+                    raise self._no_camera(corners[0])
+                samples = [
+                    with_target_poses(file, corners[0], known, lens, folder) for file in samples
+                ]
+                corners = []
+            return self._terms(samples, corners, like)
 
-    def _corners_in(self, pictures: Sequence[Path], like: str, board: Path | None) -> Corners:
-        """Corners of the job's board, or of another, as the job's camera took them."""
-        rows = [
+    def _rows_with(self, key: str, like: str) -> list[ObservationSpec]:
+        """Rows of the job that have a setting."""
+        return [
             row
             for row in (*self.job.spec.observations, *self.job.spec.validation)
-            if "board" in row.settings and (not like or like in (row.kind, row.label))
+            if key in row.settings and (not like or like in (row.kind, row.label))
         ]
-        if not rows:
-            expected = "samples of a kind that the job has: it looks at no board"
-            raise SamplesError("pictures", expected, file=pictures[0])
-        settings = rows[0].settings
-        sought = settings["board"] if board is None else read_board(board)
-        files = vision.find_pictures(pictures)
-        found = vision.detect(files, sought, settings.get("camera"))
-        if not len(found.corners):
-            expected = "pictures of the board of the job"
-            raise SamplesError("pictures without a board", expected, file=pictures[0])
-        return found.corners
 
-    def _terms(self, files: Sequence[Path], like: str) -> list[Term]:
-        corners = [file for file in files if _columns(file) >= _CORNERS]
-        if len(corners) > 1:
-            expected = "one file of corners, for the pictures of all samples"
-            raise SamplesError(f"{len(corners)} files of corners", expected, file=corners[1])
-        samples = [file for file in files if file not in corners]
-        if not samples:
-            expected = "the samples too: the joints' readings at each row"
-            raise SamplesError("no samples", expected, file=next(iter(files), None))
+    def _seen(
+        self, like: str, board: Path | None, camera: Path | None, file: Path
+    ) -> tuple[Board, Camera | None]:
+        """The board in new pictures, and the camera that took them: the job's, or those given."""
+        rows = self._rows_with("board", like)
+        if rows:
+            settings = rows[0].settings
+            known = settings["board"] if board is None else read_board(board)
+            return known, settings.get("camera") if camera is None else read_camera(camera)
+        if board is None or camera is None:
+            raise self._no_camera(file)
+        return read_board(board), read_camera(camera)
+
+    def _no_camera(self, file: Path) -> SamplesError:
+        return SamplesError(
+            "pictures",
+            "samples of a kind that the job has: it looks at no board",
+            file=file,
+            hint="of a job with the poses of a target, give --board BOARD.yaml and --camera "
+            "CAMERA.yaml: these poses are then found in the pictures",
+        )
+
+    def _terms(self, samples: Sequence[Path], corners: Sequence[Path], like: str) -> list[Term]:
         found = dict[int, list[Path]]()
         rows = (*self.job.spec.observations, *self.job.spec.validation)
         for file in samples:
@@ -172,6 +198,15 @@ class ReadBack(Displayable):
                 hint="name its kind or label with --like",
             )
         return next(iter(suiting))
+
+
+def _corners_in(pictures: Sequence[Path], board: Board, camera: Camera | None) -> Corners:
+    """Corners of a board, as a camera took them."""
+    found = vision.detect(vision.find_pictures(pictures), board, camera)
+    if not len(found.corners):
+        expected = "pictures of the board of the job"
+        raise SamplesError("pictures without a board", expected, file=pictures[0])
+    return found.corners
 
 
 def same_row(row: ObservationSpec, other: ObservationSpec) -> bool:

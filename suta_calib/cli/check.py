@@ -37,6 +37,11 @@ from suta_calib.terms import Term
 @option("--like KIND", "Kind or label of the job's row that the samples are like.", default="")
 @option("--board BOARD.yaml", "Board in the pictures, where it is not the job's.", PATH)
 @option(
+    "--camera CAMERA.yaml",
+    "Camera that took the pictures, for a job with the poses of a target in place of pictures.",
+    PATH,
+)
+@option(
     "--false-alarm",
     "Probability that sound rows are said to show a change.",
     FiniteRange(min=1e-6, max=0.2),
@@ -53,6 +58,7 @@ def check(
     samples: tuple[Path, ...],
     like: str,
     board: Path | None,
+    camera: Path | None,
     false_alarm: float,
     repair: bool,
     follow: bool,
@@ -77,14 +83,14 @@ def check(
         raise click.UsageError("--repair writes a whole new result: give its folder with --out")
     written = read_answer(result, anyway=anyway)
     if isinstance(written, PoseAnswer):
-        if like or board or repair or follow:
+        if like or board or camera or repair or follow:
             raise click.UsageError(
-                f"a result of {written.command.name} takes none of --like, --board, --repair and "
-                f"--follow: if it changed, run suta-calib {written.command.name} again"
+                f"a result of {written.command.name} takes none of --like, --board, --camera, "
+                f"--repair and --follow: if it changed, run suta-calib {written.command.name} again"
             )
         read = written.terms
     else:
-        read = partial(written.terms, like=like, board=board)
+        read = partial(written.terms, like=like, board=board, camera=camera)
     if follow:
         answer = _followed(read, samples[0], Follow(written.checker, false_alarm), seconds)
     else:
