@@ -132,8 +132,11 @@ def shifts(rows: Sequence[Rows], part: SharedErrors, bread: FloatArray) -> Float
 
 def without_shared_errors(
     fit: Fitted, rows: Sequence[Rows], part: SharedErrors, touches: Sequence[IntArray]
-) -> list[Rows]:
+) -> tuple[list[Rows], FloatArray]:
     """Rows with the residuals that a better artefact would have left, free of what it takes.
+
+    And by how much each coordinate or scale may be off, (c,): the root mean square of its posterior
+    about what the answer took it for. It is what is stated where the rows do not tell better.
 
     The landmarks are fitted to all rows beside the free parameters, each with its certified
     coordinates as a prior, and the residuals enlarged for the freedom they lose to that, which is
@@ -147,22 +150,24 @@ def without_shared_errors(
     # Share of the residuals' variance below which what they show of the artefact may count twice:
     # half of it is what a standard deviation is wrong by.
     if max(shares) < 0.01:
-        return list(rows)
+        return list(rows), part.sigma
     counts = np.array([_equations(fit.problem.terms, r, touches) for r in rows])
-    residuals, taken = _joint_fit(fit, rows, part, counts[:, 0])
+    residuals, taken, off = _joint_fit(fit, rows, part, counts[:, 0])
     left = np.maximum(1.0 - taken / counts[:, 1], LEAST_FREEDOM)
     improved = []
     for r, white, share in zip(rows, residuals, left, strict=True):
         scale = r.line.sigma / np.sqrt(r.line.weight * share)
         residual = white.reshape(r.line.residual.shape) * scale[:, None]
         improved.append(replace(r, line=replace(r.line, residual=residual)))
-    return improved
+    return improved, np.minimum(off, part.sigma)
 
 
 def _joint_fit(
     fit: Fitted, rows: Sequence[Rows], part: SharedErrors, equations: FloatArray
-) -> tuple[list[FloatArray], FloatArray]:
+) -> tuple[list[FloatArray], FloatArray, FloatArray]:
     """Residuals (n·d,) of each block beside fitted landmarks, and the freedom that these take.
+
+    And (c,) how far the landmarks may be off from what they were taken for.
 
     A linear step of parameters and landmarks, weighed by the noise that it leaves.
     """
@@ -176,6 +181,7 @@ def _joint_fit(
         for r, d in zip(rows, part.jacobian, strict=True)
     ]
     residuals = whites = [_white(r) for r in rows]
+    off = part.sigma
     levels, taken = np.array([float(np.mean(w**2)) for w in whites]), np.zeros(len(rows))
     # The noise that weighs the landmarks' prior settles in so many rounds.
     for _ in range(4):
@@ -190,7 +196,8 @@ def _joint_fit(
         left = np.maximum(1.0 - share.sum(axis=1) / equations, LEAST_FREEDOM)
         levels = np.array([float(np.mean(r**2)) for r in residuals]) / left
         taken = share[:, len(free) :].sum(axis=1)
-    return residuals, taken
+        off = np.sqrt(np.diag(inverse)[len(free) :] + step[len(free) :] ** 2)
+    return residuals, taken, off
 
 
 def _white(rows: Rows) -> FloatArray:

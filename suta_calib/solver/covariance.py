@@ -4,7 +4,8 @@
 
 with A the curvature of the robust cost and priors, M the variance of its gradient by touch, P the
 priors' precision (`Problem.stated_precision`), G Σ Gᵀ what the artefact's uncertainty adds, and S
-the shift by one standard deviation of each scale (`shared_errors`). Rows that share samples
+the shift by one standard deviation of each scale (`artefact_and_scale`): the stated one, or what
+the residuals leave of it where lengths are held that tell it. Rows that share samples
 are not independent: the (JᵀJ)⁻¹ of pairwise distances understates standard deviations by two to
 four times.
 """
@@ -77,7 +78,7 @@ class Spread:
 
     @property
     def of_scale(self) -> FloatArray:
-        """(n, n) the part of it that residuals of these kinds never show.
+        """(n, n) the part of it that residuals of these kinds show least.
 
         Of scales, and of what is held.
         """
@@ -92,6 +93,12 @@ class Spread:
         return self._parts.artefact
 
     @property
+    def scale_std(self) -> dict[tuple[object, ...], float]:
+        """Standard deviation of the factor of each carrier, as stated or as the residuals tell."""
+        parts = self._parts
+        return dict(zip(parts.carriers, parts.scale_std.tolist(), strict=True))
+
+    @property
     def by_scale(self) -> dict[tuple[object, ...], FloatArray]:
         """(n,) derivative of the estimate by the factor on all lengths of each carrier."""
         parts = self._parts
@@ -104,7 +111,8 @@ class CovarianceParts:
 
     ``scatter`` (n, n) is of what differs from touch to touch, and of the priors, ``artefact`` (n,
     n) of certified coordinates, whose errors all touches share; ``scale`` (n, carriers) is the
-    derivative by each scale, of which ``scale_std`` is the standard deviation.
+    derivative by each scale, of which ``scale_std`` is the standard deviation: as it is stated, or
+    less where the residuals tell it.
     """
 
     scatter: FloatArray
@@ -144,8 +152,11 @@ def observed_parts(fit: Fitted, touches: Sequence[IntArray] | None = None) -> Co
     by_artefact = nothing if part is None else shifts(rows, part, bread) * part.sigma
     by_scale = nothing if scales is None else shifts(rows, scales, bread)
     both = joined_errors(part, scales)
+    scale_std = np.zeros(0) if scales is None else scales.sigma.copy()
     if both is not None and len(fit.free):
-        rows = without_shared_errors(fit, rows, both, touches)
+        rows, off = without_shared_errors(fit, rows, both, touches)
+        inexact = np.flatnonzero(scale_std)
+        scale_std[inexact] = off[len(off) - len(inexact) :]
     scatter = bread @ prior @ bread
     for term, touch in zip(problem.terms, touches, strict=True):
         mine = [r for r in rows if any(r.line.view.block is b for b in term.blocks)]
@@ -154,7 +165,7 @@ def observed_parts(fit: Fitted, touches: Sequence[IntArray] | None = None) -> Co
         scatter,
         by_artefact @ by_artefact.T,
         by_scale,
-        np.zeros(0) if scales is None else scales.sigma,
+        scale_std,
         () if scales is None else scales.keys,
     )
 

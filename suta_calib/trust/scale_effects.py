@@ -22,6 +22,8 @@ from suta_calib.trust.tip_motion import tip_motion
 from suta_calib.units import text
 from suta_calib.words import listed
 
+# Residuals tell a scale where they halve what is stated of it: it is no longer taken on trust.
+_TOLD: Final = 0.5
 # What it is called where a length that a job holds is all that has a unit.
 HELD: Final = "held length"
 
@@ -90,19 +92,21 @@ class ScaleEffect:
 
 def scale_effects(solution: Solution) -> tuple[ScaleEffect, ...]:
     """Every carrier of a scale among the observations; none where they know no length."""
-    problem, by_scale = solution.problem, solution.spread.by_scale
+    problem, by_scale, left = solution.problem, solution.spread.by_scale, solution.spread.scale_std
     arm = problem.names[: problem.arm_count]
     carried, effects = relied_on(solution), []
     # Shift of the tip, m, below which a scale means nothing at the tip.
     nothing = 1e-9
     for carrier in scale_carriers(problem.terms):
         key = carrier.what, carrier.name
-        shift = carrier.scale.std * by_scale[key]
+        told = left[key] < _TOLD * carrier.scale.std
+        shift = (left[key] if told else carrier.scale.std) * by_scale[key]
         moved = tip_motion(problem, solution.x, dict(zip(arm, shift.tolist(), strict=False)))
         tip = rms_length(moved.linear)
         # As a part of the factor by which the tip's places would grow about their middle.
         size = rms_length(moved.position - moved.position.mean(axis=0))
-        bends = key not in carried and tip > FOLLOWS * carrier.scale.std * size > 0.0
+        bends = key not in carried and not told
+        bends = bends and tip > FOLLOWS * carrier.scale.std * size > 0.0
         effects.append(
             ScaleEffect(
                 carrier.what,

@@ -8,10 +8,22 @@ from typing import Any
 import numpy as np
 import pytest
 from offset_arm import ONCE
-from simulated import arm_named, artefact, artefact_scene, perturbed, placements, tracked_scene
+from simulated import (
+    Spread,
+    arm_named,
+    artefact,
+    artefact_scene,
+    perturbed,
+    placements,
+    plane_view_scene,
+    points_scene,
+    tracked_scene,
+)
 
 from suta_calib import Problem, Selection, solve
 from suta_calib.measurements import LengthScale
+from suta_calib.model.parameters import ParameterSet
+from suta_calib.solver.solution import Solution
 from suta_calib.terms import Term
 from suta_calib.terms.length_scale import lengthened
 from suta_calib.trust.tip_motion import tip_motion
@@ -101,3 +113,40 @@ def test_a_stretch_that_is_estimated_holds_the_scale_already() -> None:
         assert std is not None
         stds.append(std)
     assert stds[1] < 1.15 * stds[0]
+
+
+def _seen_by_a_held_arm(kind: str, factor: float, seed: int) -> tuple[np.ndarray, Solution]:
+    """Errors of the camera's pose over their ±, of depths so many times as long, and the answer."""
+    arm = arm_named("suta")
+    make = points_scene if kind == "points" else plane_view_scene
+    scene = make(arm, {n: p.nominal for n, p in arm.parameters.items()})
+    samples = scene.samples(Spread(position=1e-3), seed=seed)[0]
+    assert samples.position is not None
+    term = scene.term(replace(samples, position=samples.position * factor))
+    found = solve(Problem([term], ParameterSet()))
+    true = scene.exact().start_values(scene.truth)
+    names = [n for n in found.problem.names if n.startswith("hand_eye.")]
+    over = [(found.values[n] - true[n]) / (found.estimates[n].std or np.inf) for n in names]
+    return np.array(over), found
+
+
+def test_where_the_arm_is_held_the_residuals_tell_the_scale() -> None:
+    over, right = _seen_by_a_held_arm("points", 1.0, 0)
+    (std,) = right.spread.scale_std.values()
+    # Of 5,000 ppm that are stated of a depth camera.
+    assert std < 1.2e-3
+    assert np.abs(over).max() < 3.5
+    over, long = _seen_by_a_held_arm("points", 1.003, 0)
+    (std,) = long.spread.scale_std.values()
+    assert std == pytest.approx(3e-3, rel=0.4)
+    assert np.abs(over).max() < 3.5
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", ["points", "plane_view"])
+@pytest.mark.parametrize("off", [0.0, 3e-3])
+def test_monte_carlo_of_a_camera_on_an_arm_that_is_held(kind: str, off: float) -> None:
+    found = [_seen_by_a_held_arm(kind, 1.0 + off, seed) for seed in range(40)]
+    assert 0.8 < np.sqrt(np.mean([over**2 for over, _ in found])) < 1.25
+    stated = [std for _, answer in found for std in answer.spread.scale_std.values()]
+    assert np.mean(stated) < max(1.2 * off, 1.5e-3)
