@@ -46,6 +46,11 @@ PAIRS: Final = (slice(0, 2), slice(2, 4))
 # Chance of a contradiction below which an answer that follows held intrinsics must not be used:
 # hardly a sound one may be refused.
 SURE: Final = 1e-3
+TAKEN_AS_EXACT: Final = (
+    "The camera's file is of an ideal camera, as a renderer has it (fx = fy, the axis through the "
+    "middle of the picture, no distortion), and the pictures agree with it. It is taken to be "
+    "exact. If a real camera took the pictures, calibrate it."
+)
 COUNTED: Final = "Pixels are counted from 0 at the centre of the first one."
 
 
@@ -92,6 +97,8 @@ class CameraEstimate(EyePoses):
             hand's motions tell.
         other_size: what in the camera's file denies the size of picture that it says, in a
             sentence, or empty.
+        exact: whether its file is of an ideal camera, which the pictures do not contradict: it was
+            taken to be exact.
         lens_choice: how the model of the lens was chosen, where no file says it.
         markers: of a board whose markers nobody measured, as they were found; None of another.
         marker_notes: what was found about them, one sentence each.
@@ -123,6 +130,7 @@ class CameraEstimate(EyePoses):
     numbered_otherwise: tuple[str, Level]
     board_size: Learned
     other_size: str
+    exact: bool
     lens_choice: LensChoice | None
     markers: Markers | None
     marker_notes: tuple[str, ...]
@@ -237,6 +245,8 @@ class PictureCalibration:
             for sentence, worth in ((objection, level), camera.numbered_otherwise):
                 if sentence:
                     {"bad": bad, "care": care, "good": facts}[worth].append(which + sentence)
+            if camera.exact:
+                facts.append(which + TAKEN_AS_EXACT)
             if level == "good" and (better := _better_if_held(camera)):
                 facts.append(which + better)
         sentence = "; ".join(

@@ -188,9 +188,20 @@ def _settled(
     return _Settled(now, x, eta, rows, likelihood, here)
 
 
-def weigh_pictures(problem: Problem, start: FloatArray, free: IntArray, hands: Hands) -> Weighed:
-    """The unknowns with every picture weighed by how far the hand is off, and how certainly."""
+def weigh_pictures(
+    problem: Problem,
+    start: FloatArray,
+    free: IntArray,
+    hands: Hands,
+    prior_scale: FloatArray | None = None,
+) -> Weighed:
+    """The unknowns with every picture weighed by how far the hand is off, and how certainly.
+
+    Priors are as given, or times ``prior_scale`` (n,).
+    """
     problem = problem.as_given()
+    if prior_scale is not None:
+        problem = problem.with_priors_scaled(prior_scale)
     cameras, count = len(problem.terms), len(free)
     alone = replace(hands, shared=hands.shared[:, :, :0])
     estimate = _settled(problem, start, free, alone, {})

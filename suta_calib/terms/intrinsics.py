@@ -9,7 +9,7 @@ from typing import Final
 import numpy as np
 
 from suta_calib.arrays import FloatArray
-from suta_calib.geometry.lens import CENTRE, FOCAL
+from suta_calib.geometry.lens import CENTRE, FOCAL, PLUMB_BOB
 from suta_calib.measurements import Camera, Corners
 from suta_calib.model.parameters import Parameter
 
@@ -56,6 +56,17 @@ CALIBRATED: Final = IntrinsicsPrior(
 UNCALIBRATED: Final = IntrinsicsPrior(
     focal=0.3, centre=0.1, radial=0.3, tangential=0.02, unbent=False
 )
+
+
+def ideal(camera: Camera) -> bool:
+    """Whether it is a camera as a renderer has it, to the last digit, and no ± is stated.
+
+    Square pixels, the axis through the picture's middle, and no distortion: no lens is so.
+    """
+    (fx, fy), centre = camera.intrinsics[:2], camera.intrinsics[2:4]
+    middle = np.array([camera.width - 1, camera.height - 1]) / 2.0
+    straight = camera.lens is PLUMB_BOB and not camera.intrinsics[4:].any()
+    return bool(fx == fy and straight and (centre == middle).all()) and camera.covariance is None
 
 
 def prior_beside(camera: Camera, corners: Corners) -> FloatArray | None:

@@ -13,6 +13,7 @@ from cli_job import answer
 
 from suta_calib.geometry.numbers import vector_from_rotation
 from suta_calib.measurements import Camera, Charuco, read_camera, write_camera
+from suta_calib.pose_calibration.picture_answer import TAKEN_AS_EXACT
 
 
 @pytest.mark.parametrize("setup", ["eye-in-hand", "eye-to-hand"])
@@ -178,6 +179,24 @@ def test_a_rectified_camera_has_no_distortion_to_hide_a_principal_point_in() -> 
         std = seen.std["X"]
         assert np.abs(errors(seen)[:6] / std).max() < 4.0
     assert np.sqrt(np.mean(np.square(off))) < 0.2
+
+
+@pytest.mark.parametrize(("true_focal", "exact"), [(1000.0, True), (1004.0, False)])
+def test_an_ideal_camera_is_exact_unless_pictures_deny_it(true_focal: float, exact: bool) -> None:
+    """No lens is as a renderer's camera; who only guesses one is contradicted."""
+    straight = np.array([1000.0, 1000.0, 639.5, 479.5, 0.0, 0.0, 0.0, 0.0, 0.0])
+    true = np.concatenate([[true_focal, true_focal], straight[2:]])
+    scene = pictures(
+        12, pixel=0.1, robot=(1e-4, 2e-4), given=Camera(1280, 960, straight), lens=true
+    )
+    found = solved(scene)
+    (seen,) = found.cameras
+    assert seen.exact == exact
+    assert (TAKEN_AS_EXACT in found.assessment.notes) == exact
+    assert np.abs(errors(seen)[:6] / seen.std["X"]).max() < 3.0
+    assert seen.camera.stds is not None
+    assert (seen.camera.stds[:4].max() < 0.2) == exact
+    assert abs(seen.camera.intrinsics[0] - true_focal) < 2.0
 
 
 WORKCELL = Path(__file__).parents[3] / "shared/data/images/workcell_camera1"
