@@ -94,7 +94,8 @@ class Region(Displayable):
         """(n, joints) readings with the tip all over the region.
 
         An arm of few joints has its tool there as it can. One that cannot bring its tip to any
-        place has it where it gets to, in postures drawn at random.
+        place, or next to none with the tool as it was held on average, has it where it gets to, in
+        postures drawn at random.
 
         Args:
             kinematics: of the arm as it is known.
@@ -105,34 +106,36 @@ class Region(Displayable):
         Raises:
             JobError: the arm reaches next to nothing of the region.
         """
-        if not kinematics.attainable["position"]:
-            # So many that those with the tip in the region are enough.
-            q = kinematics.random_readings(np.random.default_rng(seed), 20_000)
-            _, position = kinematics.arm.forward(q, kinematics.values)
-            return self._enough(q[self.inside(position)][:POSTURES])
-        u = qmc.Halton(5, seed=np.random.default_rng(seed)).random(POSTURES)
-        position = self.lower + u[:, :3] * (self.upper - self.lower)
-        rotation = directions(self.axis, self.cone, u[:, 3], u[:, 4])
-        answer = kinematics.solve(
-            Targets(position, rotation, kinematics.most("axis")),
-            visited[nearest(tips, position)],
-            np.random.default_rng(seed),
-            starts=6,
-        )
-        return self._enough(answer.q[answer.reached])
-
-    def _enough(self, q: FloatArray) -> FloatArray:
-        """These postures in the region, if they are enough to say anything of it."""
-        fewest = 20
-        if len(q) < fewest:
+        fewest, reached = 20, visited[:0]
+        if kinematics.attainable["position"]:
+            u = qmc.Halton(5, seed=np.random.default_rng(seed)).random(POSTURES)
+            position = self.lower + u[:, :3] * (self.upper - self.lower)
+            rotation = directions(self.axis, self.cone, u[:, 3], u[:, 4])
+            answer = kinematics.solve(
+                Targets(position, rotation, kinematics.most("axis")),
+                visited[nearest(tips, position)],
+                np.random.default_rng(seed),
+                starts=6,
+            )
+            reached = answer.q[answer.reached]
+        if len(reached) < fewest:
+            reached = self._at_random(kinematics, seed)
+        if len(reached) < fewest:
             raise JobError(
-                f"{len(q)} of {POSTURES} postures within reach in the region from "
+                f"{len(reached)} of {POSTURES} postures within reach in the region from "
                 f"{_corner_text(self.lower)} to {_corner_text(self.upper)} mm",
                 f"at least {fewest}",
                 where="region",
                 hint="give a region that the arm reaches with the tool orientations of the samples",
             )
-        return q
+        return reached
+
+    def _at_random(self, kinematics: InverseKinematics, seed: int) -> FloatArray:
+        """Postures anywhere within the limits that have the tip in the region."""
+        # So many that those with the tip in the region are enough.
+        q = kinematics.random_readings(np.random.default_rng(seed), 20_000)
+        _, position = kinematics.arm.forward(q, kinematics.values)
+        return q[self.inside(position)][:POSTURES]
 
     def inside(self, position: FloatArray) -> BoolArray:
         """(n,) whether points (n, 3) are in the box."""
