@@ -22,7 +22,7 @@ from suta_calib.exchange.reader import TABLE, beginning, recognised
 
 _JOB: Final = (
     *("calibrate", "observe", "study", "extend", "budget", "view", "validate", "outliers"),
-    *("measure", "motors", "plan", "tip-map", "residual-map", "repeatability", "iso10360"),
+    *("measure", "guide", "motors", "plan", "tip-map", "residual-map", "repeatability", "iso10360"),
 )
 _URDF: Final = (
     *("init", "validate", "emulate", "track", "monitor", "measure", "zero-offsets"),
@@ -98,7 +98,7 @@ _OWN: Final = (
         _has("port", "joints"),
         "the file of a device",
         "suta-calib monitor --device {}",
-        ("monitor", "measure", "track"),
+        ("monitor", "measure", "guide", "track"),
     ),
     _Own(
         lambda head: (
