@@ -128,7 +128,8 @@ class EmulatedArm:
         self._folder.cleanup()
 
     def _start(self, folder: Path) -> None:
-        start_s = 30.0
+        # Of a process that hangs: one that ends is noticed at once, and a busy computer is slow.
+        start_s = 120.0
         self._link = folder / "port" if self._link is None else Path(self._link)
         # What the child says on stderr is a bug's traceback: let it be seen.
         command = [sys.executable, "-m", "suta_calib.emulation.emulated_arm"]
