@@ -183,16 +183,11 @@ def _next_place(job: CalibrationJob, *, touching: bool = True) -> NextPlace:
     else:
         sort, count = place.kind, place.directions
         what = f"one {sort} at {where}, touched from {count} directions"
-    before, after = (_millimetres(size) for size in stop.tips[:2])
-    why = f"The uncertainty of the tip then goes from {before} to {after} mm"
     enough = stop.worthwhile == 0
+    why = f"The tip is then known to ± {std_text(stop.tips[1], 'm')}."
     if enough:
-        why += f", by less than {100 * stop.least_gain:.0f} %"
+        why = f"Even {what} would make the ± of the tip smaller by less than "
+        why += f"{100 * stop.least_gain:.0f} %."
     return NextPlace(
-        *(sort, what, f"{why}.", enough, count, landmarks, position, rotation, candidate.q[0])
+        *(sort, what, why, enough, count, landmarks, position, rotation, candidate.q[0])
     )
-
-
-def _millimetres(size: float) -> str:
-    """A length in mm, as one says it."""
-    return f"{mm(size):.2f}" if mm(size) < 1 else f"{mm(size):.1f}"

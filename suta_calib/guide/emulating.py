@@ -43,7 +43,7 @@ def job_to_try(job: Path) -> Path:
 
 
 def emulated_sensors(measuring: MeasureOptions) -> Path:
-    """The ``device.yaml`` of the arm that will be emulated, for as long as it has no port.
+    """The ``device.yaml`` of the arm that will be emulated: a port that is there when it is.
 
     Raises:
         InputError: a job whose arm cannot be emulated.
@@ -51,8 +51,12 @@ def emulated_sensors(measuring: MeasureOptions) -> Path:
     """
     device = emulated_device(replace(_sensors(measuring), motion="still")).emulation.device
     file = measuring.job.parent / "device.yaml"
-    write_text(file, device_text(replace(device, port="emulated"), EMULATED))
+    write_text(file, device_text(replace(device, port=str(_port(measuring))), EMULATED))
     return file
+
+
+def _port(measuring: MeasureOptions) -> Path:
+    return measuring.job.absolute().parent / "port"
 
 
 def _sensors(measuring: MeasureOptions) -> EmulationOptions:
@@ -75,13 +79,13 @@ def _sensors(measuring: MeasureOptions) -> EmulationOptions:
 @contextmanager
 def emulated_arm(
     measuring: MeasureOptions, place: PoseSpec | None, left: Sequence[Station]
-) -> Iterator[tuple[Path, FloatArray]]:
-    """Within it an arm is brought to the places that are left to measure.
+) -> Iterator[FloatArray]:
+    """Within it an arm is brought to the places that are left to measure (`emulated_sensors`).
 
     It begins elsewhere, as an arm does that somebody takes up.
 
     Yields:
-        Its ``device.yaml``, and its (rests, joints) true readings at these places.
+        Its (rests, joints) true readings at these places.
 
     Raises:
         InputError: a job whose places cannot be emulated, or reached.
@@ -113,8 +117,8 @@ def emulated_arm(
     if options.accelerometer is not None:
         extra = accelerometer(found.arm, found.values, taken_up, seed=options.seed)
     emulation = replace(emulation, motion=taken_up, extra=extra)
-    with EmulatedArm(emulation, patient=True) as arm:
-        yield arm.write_device(measuring.job.parent / "device.yaml"), motion.posture
+    with EmulatedArm(emulation, link=_port(measuring), patient=True):
+        yield motion.posture
 
 
 def _point_within_reach(options: EmulationOptions, label: str) -> PoseSpec:

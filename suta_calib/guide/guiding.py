@@ -11,7 +11,6 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
 from itertools import count
-from pathlib import Path
 from queue import Empty
 from types import MappingProxyType
 from typing import Any, Final
@@ -34,6 +33,7 @@ from suta_calib.guide.determined import NextPlace, SoFar
 from suta_calib.guide.emulating import emulated_arm, emulated_sensors, job_to_try
 from suta_calib.guide.page import GuidePage, PageKeys
 from suta_calib.guide.work import Unanswered, Worker
+from suta_calib.job.outline import read_outline
 from suta_calib.measurements import Artefact
 from suta_calib.measurements.csv_table import read_csv_table
 from suta_calib.measurements.files import expand
@@ -93,6 +93,9 @@ class Guide:
             found = "neither" if measuring.device is None else "both"
             raise InputError(found, "one of --device device.yaml and --emulate")
         if options.emulate:
+            if not measuring.free:
+                # What is wrong is said of the job, not of its copy.
+                next_label(measuring, next(iter(measuring.labels), ""))
             measuring = replace(measuring, job=job_to_try(measuring.job))
             measuring = replace(measuring, device=emulated_sensors(measuring))
         assert measuring.device is not None
@@ -101,6 +104,7 @@ class Guide:
         self._options = replace(measuring, attended=True, resume=True)
         if not self._options.labels and not self._options.free:
             self._options = replace(self._options, labels=next_label(self._options))
+        self._options.check()
         plan, _ = stations_of(self._options)
         self.page = GuidePage(self._options.job.resolve().parent.name)
         self._arm = MeasuredArm(
@@ -158,25 +162,24 @@ class Guide:
         )
         if planned is not None:
             self._arm.show_goal(planned.readings)
-        with self._device(planned) as device:
-            options = replace(self._options, device=device)
+        with self._emulated(planned):
             keys = PageKeys(self.page)
-            return measure(options, say=self._say, keyboard=keys, listen=self._listen)
+            return measure(self._options, say=self._say, keyboard=keys, listen=self._listen)
 
     @contextmanager
-    def _device(self, planned: NextPlace | None) -> Iterator[Path | None]:
-        """The ``device.yaml``; of an emulated arm for as long as it is there."""
+    def _emulated(self, planned: NextPlace | None) -> Iterator[None]:
+        """The emulated arm, if one was asked for, for as long as a session lasts."""
         self._goals = ()
         if not self._emulate:
-            yield self._options.device
+            yield
             return
         self._say("starting the emulated arm")
         place = None if planned is None else PoseSpec(planned.rotation, planned.position)
         _, left = stations_of(self._options)
-        with emulated_arm(self._options, place, left) as (device, postures):
+        with emulated_arm(self._options, place, left) as postures:
             if self._options.free:
                 self._goals = tuple(zip((s.name for s in left), postures, strict=True))
-            yield device
+            yield
 
     def _listen(self, event: SessionEvent) -> None:
         match event:
@@ -204,14 +207,14 @@ class Guide:
         before, self._stations = self._stations, stations
         rows = [(_place(s.name), s.status, s.doubt) for s in stations.states]
         self.page.show(stations=rows)
-        doubted = {state.name: state.doubt for state in stations.states if state.doubt}
+        doubted = {s.name: s.doubt for s in stations.states if s.doubt and s.status != "next"}
         new = [name for name in doubted if name not in self._doubted]
         self._doubted = set(doubted)
         changed = before is not None and _taken(before) != _taken(stations)
         if new:
             self.page.show(alert=_alert(_place(new[-1]), doubted[new[-1]]))
-        elif stations.next in doubted or changed or not doubted:
-            # It is being taken again, or it was left as it is, or all is well.
+        elif changed or not doubted:
+            # It is being taken again, or was left as it is.
             self.page.show(alert=None)
         self._mark()
         if changed:
@@ -415,11 +418,11 @@ def next_label(
     try:
         row = read_row(options.job, options.observation, usable, options.chain)
     except JobError as error:
-        if options.observation is not None:
+        touched = any(row.kind in usable for row in read_outline(options.job).rows)
+        if options.observation is not None or touched:
             raise
-        raise JobError.of(
-            error, error.file, error.line, hint="for a camera, use suta-calib detect"
-        ) from None
+        hint = "for what a device sends of itself, add --free; for a camera, use suta-calib detect"
+        raise JobError.of(error, error.file, error.line, hint=hint) from None
     place = KINDS[row.kind].place if row.kind in KINDS else ""
     if not place or (sort and place != sort):
         raise JobError(

@@ -214,7 +214,7 @@ class LivePictures:
                 if time.time() - path.stat().st_mtime < 1.0:
                     continue
                 self._seen[path] = None
-                self._tell(f"{path.name}: {problem.found}")
+                self._tell(f"{path.name}: {problem.found}", seen=False)
                 continue
             self._size = grey.shape[1], grey.shape[0]
             detected, why = self._found(grey)
@@ -226,7 +226,7 @@ class LivePictures:
             )
             what = f"the board is not seen: {why}" if detected is None else "the board is found"
             self._say(f"{path.name}: {what}")
-            self._tell(f"{path.name}: {what}")
+            self._tell(f"{path.name}: {what}", seen=detected is not None)
         if (gone or not self._seen) and not new:
             self._tell("Waiting for pictures" if not self._seen else "")
 
@@ -244,11 +244,11 @@ class LivePictures:
     def _show(self, grey: Grey, detected: DetectedBoard | None) -> None:
         self.page.show_picture(live_drawing(grey, detected))
 
-    def _tell(self, doing: str) -> None:
+    def _tell(self, doing: str, *, seen: bool = True) -> None:
         coverage = self._coverage
         self.page.show(
             doing=doing,
-            seen=True,
+            seen=seen,
             count=len(coverage.taken),
             columns=PARTS[0],
             parts=coverage.parts.ravel().tolist(),

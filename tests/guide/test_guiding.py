@@ -14,9 +14,11 @@ import pytest
 from suta_calib.acquisition.measuring import Measured, MeasureOptions, stations_of
 from suta_calib.acquisition.session_events import Live, Opened, Said, Stations, StationState
 from suta_calib.assessment import Assessment
+from suta_calib.atomic import inputs_kept
 from suta_calib.device.device_file import read_device
+from suta_calib.emulation import Emulation, Stops
 from suta_calib.errors import DeviceError, InputError, JobError
-from suta_calib.guide import guiding
+from suta_calib.guide import emulating, guiding
 from suta_calib.guide.calibrating import GuidedCalibration
 from suta_calib.guide.determined import Determined, NextPlace, SoFar
 from suta_calib.guide.guiding import Guide, GuideOptions, next_label
@@ -183,8 +185,14 @@ def test_what_does_not_fit_is_said_until_it_is_taken_again(
     monkeypatch.setattr(guiding, "measure", measure)
     guide.run()
     assert alerts == [None, {"name": "O", "title": "O does not fit", "text": "it is off"}]
-    state = StationState("O", "next", "it is off")
-    guide._listen(Stations((state,), {}))
+    # Taken again, and no better.
+    for status, alert in (("next", None), ("taken", alerts[1]), ("taken", alerts[1])):
+        state = StationState("O", status, "it is off")
+        guide._listen(Stations((state,), {}))
+        assert guide.page.shown("alert") == alert
+    # Left as it is.
+    states = state, StationState("M1", "taken")
+    guide._listen(Stations(states, {}))
     assert guide.page.shown("alert") is None
 
 
@@ -256,6 +264,20 @@ def test_rests_anywhere(options: GuideOptions, monkeypatch: pytest.MonkeyPatch) 
     assert guide.page.shown("buttons")[0]["label"] == "Measure Repeat 2"
 
 
+class Standing:
+    """In place of an emulated arm: what it would do, and on which port."""
+
+    arms: list[tuple[Emulation, Path]] = []  # noqa: RUF012
+
+    def __init__(self, emulation: Emulation, *, link: Path, patient: bool) -> None:
+        assert patient
+        self.arms.append((emulation, link))
+
+    def __enter__(self) -> None: ...
+
+    def __exit__(self, *_: object) -> None: ...
+
+
 def test_an_arm_is_emulated_that_rests_anywhere(
     job: Path, repository: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -264,28 +286,37 @@ def test_an_arm_is_emulated_that_rests_anywhere(
         "parameters: [{select: ['joint_[2-5].offset'], bound_deg: 5}]\n"
         "observations: [{kind: gravity, samples: 'tilts/*.csv'}]\n"
     )
-    seen = dict[str, Any]()
+    monkeypatch.setattr(Standing, "arms", [])
+    monkeypatch.setattr(emulating, "EmulatedArm", Standing)
+    monkeypatch.setattr(guiding, "Worker", Answering)
+    monkeypatch.setattr(Answering, "presses", (("posture", "next"),))
 
     def measure(options: MeasureOptions, listen: Any, **_: Any) -> Measured:
         assert options.device is not None
-        spec = read_device(options.device)
+        device = read_device(options.device)
+        assert device.extra_columns == ("ax", "ay", "az")
         plan, left = stations_of(options)
-        seen.update(device=spec, left=[station.name for station in left])
         listen(Opened(plan, 2.0))
         listen(Stations(tuple(StationState(s.name, "next") for s in left[:1]), {}))
-        return Measured("interrupted", Path("x.csv"), 0)
+        # It goes where the second arm is.
+        assert guide.page.shown("ask") == "Bring the arm to where the pink one is"
+        emulation, link = Standing.arms[-1]
+        assert link == Path(device.port)
+        assert isinstance(emulation.motion, Stops)
+        assert len(emulation.motion.posture) == len(left) + 1 == 5
+        ended = "complete" if len(Standing.arms) == 1 else "interrupted"
+        return Measured(ended, Path("x.csv"), 4)  # type: ignore[arg-type]
 
     monkeypatch.setattr(guiding, "measure", measure)
-    monkeypatch.setattr(guiding, "Worker", Answering)
     measuring = MeasureOptions(job, free=True, rests=4)
-    guide = Guide(GuideOptions(measuring, emulate=True, port=0), lambda _: None)
-    with pytest.raises(KeyboardInterrupt):
-        guide.run()
-    assert seen["device"].extra_columns == ("ax", "ay", "az")
-    assert Path(seen["device"].port).name == "port"
-    assert len(seen["left"]) == 4
-    # It goes where the second arm is.
-    assert guide.page.shown("ask") == "Bring the arm to where the pink one is"
+    # As a command does, which does not write what it has read.
+    with inputs_kept():
+        guide = Guide(GuideOptions(measuring, emulate=True, port=0), lambda _: None)
+        monkeypatch.setattr(Answering, "page", guide.page)
+        with pytest.raises(KeyboardInterrupt):
+            guide.run()
+    assert len(Standing.arms) == 2
+    # Nothing of it is beside the job.
     assert not (job.parent / "device.yaml").exists()
 
 
@@ -321,8 +352,17 @@ def test_a_job_in_which_nothing_is_touched(options: GuideOptions) -> None:
     job = options.measuring.job
     text = job.read_text().replace("pairwise_distance", "tracked_point")
     job.write_text(text.replace('  - {kind: fixed_point, samples: "fixed_point/*.csv"}\n', ""))
-    with pytest.raises(JobError, match="for a camera, use suta-calib detect"):
+    with pytest.raises(JobError, match="add --free; for a camera, use suta-calib detect"):
         Guide(options, lambda _: None)
+
+
+def test_what_is_wrong_is_said_of_the_job_and_not_of_its_copy(options: GuideOptions) -> None:
+    job = options.measuring.job
+    (job.parent / "artefact.yaml").unlink()
+    with pytest.raises(InputError, match=rf"{job}:\d+: .*artefact.yaml; expected a file") as caught:
+        Guide(replace(options, measuring=MeasureOptions(job), emulate=True), lambda _: None)
+    assert "detect" not in str(caught.value)
+    assert not (job.parent / "emulated").exists()
 
 
 @pytest.mark.slow

@@ -68,7 +68,7 @@ NAME = "document.getElementById('name').innerText"
 
 def rested(page: Chromium) -> None:
     """The arm rests, and has been heard for long enough."""
-    page.wait("!!document.querySelector('#rest .full')")
+    page.wait("document.getElementById('doing').innerText.startsWith('Go to')")
 
 
 def measured(page: Chromium, arm: LedArm, *names: str) -> None:
@@ -89,7 +89,8 @@ def test_fifteen_landmarks(job: Path, arm: LedArm, tmp_path: Path) -> None:
             measured(page, arm, "O", "M1", "M2")
             # The cable is pulled out: the page says so, and goes on when it is back.
             arm.plug(False)
-            page.wait(f"{NAME} === 'No readings'")
+            page.wait(f"{NAME} === 'Check the cable'")
+            assert "No readings for" in page.text
             arm.plug(True)
             page.wait(f"{NAME} === 'M3'")
             rested(page)
@@ -98,14 +99,17 @@ def test_fifteen_landmarks(job: Path, arm: LedArm, tmp_path: Path) -> None:
             arm.go("M6", np.array([0.0, 0.06, 0.0, 0.0, 0.0, 0.0]))
             page.wait("!document.getElementById('alert').hidden")
             assert "M6 does not fit" in page.text
+            assert page.evaluate(NAME) == "M6"
             assert page.evaluate(DOUBTED) == 1
             click(page, "retake")
-            page.wait(f"{NAME} === 'M6'")
+            page.wait("document.getElementById('alert').hidden")
+            assert page.evaluate(NAME) == "M6"
             measured(page, arm, "M6")
             assert page.evaluate("document.getElementById('alert').hidden")
             assert page.evaluate(DOUBTED) == 0
             measured(page, arm, "L1")
             page.wait("document.querySelectorAll('#parameters .bar').length > 5")
+            assert "parameters are determined" in page.text
             # Nothing is lost with it.
             process.send_signal(signal.SIGKILL)
             process.wait()

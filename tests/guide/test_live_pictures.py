@@ -80,6 +80,7 @@ def test_a_folder_that_fills(tmp_path: Path) -> None:
         write_picture(tmp_path / "pictures" / "02.png", np.full((480, 640), 90, np.uint8))
         until(lambda: str(shown("doing")).startswith("02.png: the board is not seen"))
         assert shown("count") == 1
+        assert not shown("seen")
         assert live.page.page("/picture.jpg") is not None
         (tmp_path / "pictures" / "01.png").unlink()
         until(lambda: shown("count") == 0)

@@ -22,8 +22,8 @@ function drawTilts() {
 connect(news => {
   const taking = state.phase === "taking";
   put("title", state.title);
-  put("count", state.count === undefined ? "" : `${state.count} pictures`);
-  put("ask", "");
+  put("count", state.count === undefined ? "" : `${state.count} ${state.count === 1 ? "picture" : "pictures"}`);
+  put("ask", ""); put("how", "");
   $("name").className = "long";
   put("name", taking ? state.advice || "Hold the board in front of the camera" : state.phase === "calibrating" ? "Calibrating" : "");
   put("doing", state.phase === "calibrating" ? "This takes a few seconds to a minute." : taking ? state.doing || "" : "");

@@ -12,37 +12,40 @@ const words = {
 };
 
 function drawNow() {
-  const measuring = state.phase === "measuring", rows = state.stations || [];
-  const next = rows.find(row => row[1] === "next"), live = state.live || {};
-  const done = rows.filter(row => row[1] === "taken").length;
-  put("title", state.title + (state.label ? " · " + state.label : ""));
-  put("count", rows.length ? `${done} of ${rows.length}` : "");
-  const silent = measuring && live.silence > 1;
-  put("ask", !measuring ? {calibrating: "", between: "", done: "", lost: "The device is not there"}[state.phase] ?? "Connecting"
-    : silent ? "" : next ? "Bring the tip to" : "");
-  const name = measuring ? (silent ? "No readings" : next ? next[0] : "") : state.phase === "lost" ? "" : state.headline || "";
-  put("name", state.phase === "done" ? "" : name);
-  $("name").classList.toggle("long", name.length > 4);
-  put("how", measuring && !silent ? state.how : state.phase === "lost" ? state.headline : "");
-  let doing = "";
-  if (measuring) {
-    if (silent) doing = `for ${live.silence.toFixed(0)} s. Check the cable: nothing is lost, and it goes on by itself.`;
-    else if (!live.readings) doing = "Waiting for readings";
-    else if (Date.now() - takenAt < 1800 && !state.alert) doing = `${takenName} is measured ✓`;
-    else if (!live.resting) doing = "Moving";
-    else doing = live.share < 1 ? "Hold still" : state.alert ? `Seat ${state.alert.name} again` : next ? `Go to ${next[0]}` : "";
-  }
-  if (state.phase === "calibrating") doing = "This takes a few seconds to a minute.";
-  put("doing", doing);
-  $("doing").style.fontSize = silent || doing.length > 30 ? "1.6rem" : "";
-  $("rest").hidden = !measuring || silent;
-  const bar = $("rest").firstChild;
-  bar.style.width = 100 * (live.share || 0) + "%"; bar.className = live.share >= 1 ? "full" : "";
-  const alert = measuring && !silent && state.alert;
-  $("alert").hidden = !alert;
-  if (alert) { $("alert").firstChild.textContent = alert.title; $("alert").lastChild.textContent = alert.text; }
+  const rows = state.stations || [], live = state.live || {}, plan = state.plan || {};
+  const next = (rows.find(row => row[1] === "next") || [""])[0];
+  const alert = state.phase === "measuring" && state.alert, silent = live.silence > 1;
   const just = Date.now() - takenAt < 1800;
-  $("now").className = !measuring ? "" : silent || alert ? "wrong" : just ? "taken" : live.resting && live.share < 1 ? "hold" : "";
+  put("title", state.title + (state.label ? " · " + state.label : ""));
+  put("count", rows.length ? `${rows.filter(row => row[1] === "taken").length} of ${rows.length}` : "");
+  // What is asked for, the thing to do or go to in the largest letters, how, what happens, and the kind of box.
+  let ask = "", name = "", how = "", doing = "", kind = "";
+  if (state.phase === "lost") [ask, name, how, kind] = ["The device is not there", "Check the cable", state.headline, "wrong"];
+  else if (state.phase === "calibrating") [name, doing] = [state.headline, "This takes a few seconds to a minute."];
+  else if (state.phase === "between") {
+    [ask, name, how] = [state.headline, plan.waiting ? "Looking for the best place to measure next …" : plan.head, plan.why];
+  } else if (state.phase === "measuring" && silent) {
+    [ask, name, kind] = [`No readings for ${live.silence.toFixed(0)} s`, "Check the cable", "wrong"];
+    how = "Nothing is lost. It goes on by itself when readings come again.";
+  } else if (state.phase === "measuring") {
+    [ask, name, how] = alert ? ["Seat again", alert.name, ""] : [state.ask, next, state.how];
+    if (!live.readings) doing = "Waiting for readings";
+    else if (just && !alert) [doing, kind] = [`${takenName} is measured ✓`, "taken"];
+    else if (!live.resting) doing = "Moving";
+    else if (live.share < 1) [doing, kind] = ["Hold still", "hold"];
+    else doing = alert ? `Or go on to ${next}` : `Go to ${next}`;
+    if (alert) kind = "wrong";
+  }
+  put("ask", ask); put("name", (name || "").replaceAll(" = ", "\u00a0=\u00a0").replaceAll(" mm", "\u00a0mm")); put("how", how); put("doing", doing);
+  $("name").classList.toggle("long", (name || "").length > 4);
+  $("name").classList.toggle("longer", (name || "").length > 24);
+  $("now").className = kind;
+  $("rest").hidden = state.phase !== "measuring" || silent;
+  // Before something was measured, or where it is measured again, a rest is none: it fills no bar.
+  const share = live.share < 1 || takenAt ? live.share || 0 : 0, bar = $("rest").firstChild;
+  bar.style.width = 100 * share + "%"; bar.className = share >= 1 ? "full" : "";
+  $("alert").hidden = !alert || silent;
+  if (alert) { $("alert").firstChild.textContent = alert.title; $("alert").lastChild.textContent = alert.text; }
 }
 function drawPlaces() {
   const rows = state.stations || [], kinds = Object.fromEntries(rows.map(row => [row[0], statusOf(row)]));
@@ -58,35 +61,25 @@ function drawPlaces() {
   const low = [Math.min(...xs), Math.min(...ys)], size = [Math.max(...xs) - low[0], Math.max(...ys) - low[1]];
   const unit = Math.max(...size, 1) / 100, edge = 12 * unit;
   map.setAttribute("viewBox", [low[0] - edge, low[1] - edge, size[0] + 2 * edge, size[1] + 2 * edge].join(" "));
-  const svg = tag => document.createElementNS("http://www.w3.org/2000/svg", tag);
   map.replaceChildren(...marks.map(([name, x, y]) => {
-    const group = svg("g"), circle = svg("circle"), label = svg("text");
-    group.setAttribute("class", kinds[name] || "");
-    circle.setAttribute("cx", x); circle.setAttribute("cy", -y); circle.setAttribute("r", 3 * unit);
-    label.setAttribute("x", x); label.setAttribute("y", -y - 5 * unit); label.setAttribute("font-size", 7 * unit);
+    const group = svgElement("g", {class: kinds[name] || ""});
+    const label = svgElement("text", {x, y: -y - 5 * unit, "font-size": 7 * unit});
     label.textContent = name;
-    group.append(circle, label);
+    group.append(svgElement("circle", {cx: x, cy: -y, r: 3 * unit}), label);
     return group;
   }));
 }
 function drawKnown() {
   const known = state.determined;
-  if (!known) return;
-  put("tip", `Tip ${known.tip}`);
-  put("worst", `worst: ${known.worst}; from ${known.samples} samples`);
-  $("parameters").replaceChildren(...known.parameters.flatMap(({name, text, share}) => {
+  put("settled", known.state);
+  put("tip", known.tip ? `Tip ${known.tip}` : "");
+  put("worst", known.tip ? `worst: ${known.worst}; from ${known.samples} samples` : "");
+  $("parameters").replaceChildren(...(known.parameters || []).flatMap(({name, text, share}) => {
     const bar = element("div", undefined, "bar"), fill = element("i");
     fill.style.width = 100 * share + "%"; if (share >= 1) fill.className = "full";
     bar.append(fill); bar.setAttribute("role", "meter"); bar.setAttribute("aria-valuenow", share); bar.setAttribute("aria-label", name);
     return [element("span", name), bar, element("span", text)];
   }));
-}
-function drawPlan() {
-  const plan = state.plan;
-  $("plan").hidden = !plan || state.phase !== "between";
-  if (!plan) return;
-  if (plan.waiting) $("plan").replaceChildren(element("p", "Looking for the best place to measure next …"));
-  else $("plan").replaceChildren(element("b", plan.head), element("p", plan.why));
 }
 const dark = matchMedia("(prefers-color-scheme: dark)");
 dark.addEventListener("change", () => { if (framed) { framed = false; drawScene(); } });
@@ -112,6 +105,7 @@ function heard(news) {
       setTimeout(drawNow, 1900);
       if (!(news.alert || state.alert)) beep(880);
     }
+    if (takenBefore && taken.length < takenBefore.length) takenAt = 0;
     takenBefore = taken;
   }
   const wrong = state.alert ? state.alert.title : "";
@@ -124,7 +118,6 @@ function heard(news) {
   }
   if (news.stations || "map" in news) drawPlaces();
   if (news.determined) drawKnown();
-  if ("plan" in news || news.phase) drawPlan();
   if ("verdict" in news || news.phase) drawVerdict();
   if (news.lines) $("log").lastChild.replaceChildren(...[...news.lines].reverse().map(line => element("li", line)));
 }

@@ -61,8 +61,9 @@ function connect(heard) {
   };
   socket.onclose = () => {
     $("now").className = ""; $("buttons").replaceChildren();
-    for (const id of ["name", "doing", "how", "alert", "rest", "plan"]) $(id).hidden = true;
-    put("ask", "suta-calib has ended. What is taken is saved. Start it again to go on: the page then has a new address.");
+    for (const id of ["ask", "doing", "alert", "rest"]) $(id).hidden = true;
+    put("name", "suta-calib has ended"); $("name").className = "long";
+    put("how", "What is taken is saved. Start it again to go on: the page then has a new address.");
     setTimeout(() => connect(heard), 2000);
   };
 }
