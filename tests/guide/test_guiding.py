@@ -187,7 +187,7 @@ def test_what_does_not_fit_is_said_until_it_is_taken_again(
     assert alerts == [None, {"name": "O", "title": "O does not fit", "text": "it is off"}]
     # Taken again, and no better.
     for status, alert in (("next", None), ("taken", alerts[1]), ("taken", alerts[1])):
-        state = StationState("O", status, "it is off")
+        state = StationState("O", status, "it is off")  # type: ignore[arg-type]
         guide._listen(Stations((state,), {}))
         assert guide.page.shown("alert") == alert
     # Left as it is.
@@ -299,7 +299,7 @@ def test_an_arm_is_emulated_that_rests_anywhere(
         listen(Opened(plan, 2.0))
         listen(Stations(tuple(StationState(s.name, "next") for s in left[:1]), {}))
         # It goes where the second arm is.
-        assert guide.page.shown("ask") == "Bring the arm to where the pink one is"
+        assert Answering.page.shown("ask") == "Bring the arm to where the pink one is"
         emulation, link = Standing.arms[-1]
         assert link == Path(device.port)
         assert isinstance(emulation.motion, Stops)
