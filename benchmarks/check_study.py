@@ -75,6 +75,7 @@ class Kind:
         camera: whether it is a camera's arm.
         beside: the file that the samples have beside them.
         noise: more than all kinds have.
+        within: how far it sees, m: a plane may be looked at along itself.
     """
 
     fitted: str
@@ -85,6 +86,7 @@ class Kind:
     camera: bool = False
     beside: str = ""
     noise: str = ""
+    within: float = math.inf
 
 
 def _places(name: str, first: str, count: int, *, turned: bool, seed: int = 0) -> str:
@@ -195,7 +197,7 @@ KINDS: Final = {
         f"board: {CAMERA / 'board.yaml'}, ",
         camera=True,
     ),
-    "plane_view": Kind(f"samples: 80, {_WALLS}", f"samples: 160, {_WALLS}", rows=8),
+    "plane_view": Kind(f"samples: 40, {_WALLS}", f"samples: 120, {_WALLS}", rows=8, within=1.5),
     "profile": Kind(
         f"samples: 30, {_SCANNED}",
         f"samples: 100, {_SCANNED}",
@@ -246,7 +248,9 @@ def made(name: str, seed: int, *, lacking: bool = False) -> Made:
                 text = text.replace(f"samples: '{one}/", given)
         (folder / "job.yaml").write_text(text)
         job = CalibrationJob.load(folder / "job.yaml")
-    observations, (later,) = job.observations, job.validation
+    (later,) = job.validation
+    observations = tuple(seen_within(term, kind.within) for term in job.observations)
+    later = seen_within(later, kind.within)
     if lacking:
         observations = tuple(with_lack_of_fit(term, random) for term in observations)
         later = with_lack_of_fit(later, random)
@@ -259,6 +263,14 @@ def made(name: str, seed: int, *, lacking: bool = False) -> Made:
         order = random.permutation(len(later.poses))
         groups = [order[k * kind.rows : (k + 1) * kind.rows] for k in range(PER_CALIBRATION)]
     return Made(Checker(solution), [later.take(np.sort(rows)) for rows in groups])
+
+
+def seen_within(term: Term, reach: float) -> Term:
+    """The rows of what was nearer than that."""
+    position = term.poses.samples.position
+    if position is None or not math.isfinite(reach):
+        return term
+    return term.take(np.flatnonzero(np.linalg.norm(position, axis=1) < reach))
 
 
 def with_lack_of_fit(term: Term, random: np.random.Generator) -> Term:

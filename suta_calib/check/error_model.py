@@ -79,6 +79,11 @@ class NoiseKind:
     freedom: int
 
 
+# θ_1 and θ_2 in eighths of a decade, and ℓ; the logarithm of its likelihood, and the rest.
+_At = tuple[int, int, float]
+_Tried = tuple[float, NoiseKind]
+
+
 @dataclass(frozen=True, eq=False)
 class LearnedErrors:
     """The errors of rows, as those of a calibration show them.
@@ -87,7 +92,8 @@ class LearnedErrors:
         kinds: of noise, the probable ones.
         levels: by which rows are whitened, by `sort_of` their block.
         calibrated: what the calibrated rows share, those that the noise was learned by.
-        unit: mean variance of these by joint errors of one rad.
+        unit: variance of a typical one of these by joint errors of one rad: their median, as what
+            is far away may move a hundred times as far.
         middle: mean logarithm of the standard deviations that they state.
         followed: (n, m) how estimates followed errors of these rows; names: of the estimates (n,).
         share: of all rows that these are.
@@ -122,11 +128,18 @@ class LearnedErrors:
         )
         at = [problem.names.index(name) for name in names]
         fit = _fit(rows, errors, at, [prior[name] for name in names])
-        search = _Search.of(rows, errors, fit)
+        searches = _Search.of(rows, errors, fit)
         followed = -scaled_inverse(fit.information + np.diag(fit.prior)) @ fit.jacobian.T
         share = numbers_of(terms) / numbers_of(solution.problem.terms)
         return cls(
-            search.kinds(), levels, errors, search.unit, search.middle, followed, names, share
+            _kinds(searches),
+            levels,
+            errors,
+            searches[0].unit,
+            searches[0].middle,
+            followed,
+            names,
+            share,
         )
 
     @property
@@ -227,8 +240,8 @@ class _Search:
     stated: float
 
     @classmethod
-    def of(cls, rows: Sequence[Rows], errors: RowErrors, fit: LinearFit) -> _Search:
-        """Of calibrated rows."""
+    def of(cls, rows: Sequence[Rows], errors: RowErrors, fit: LinearFit) -> list[_Search]:
+        """Of calibrated rows: one search for each way to take what they state."""
         assert errors.sums is not None
         weight = np.concatenate([np.repeat(r.line.weight, r.line.residual.shape[1]) for r in rows])
         residual = np.concatenate([(r.line.residual / r.line.sigma[:, None]).ravel() for r in rows])
@@ -237,9 +250,10 @@ class _Search:
         middle = float(np.mean(errors.stated[errors.stated != 0])) if errors.stated.any() else 0.0
         rest = errors.sums.rest(residual, weight)
         by_posture = errors.by_posture
-        unit = float(np.mean(np.diag(by_posture))) or 1.0
+        moved = np.diag(by_posture)
+        unit = float(np.median(moved[moved > 0])) if np.any(moved > 0) else 1.0
         near = {reach: errors.near(errors, reach) / unit for reach in _REACH}
-        searches = [
+        return [
             cls(
                 fit,
                 rest,
@@ -252,10 +266,9 @@ class _Search:
             )
             for power in (_STATED if errors.stated.any() else _STATED[:1])
         ]
-        return max(searches, key=lambda search: search._tried((_NONE, _NONE, _REACH[0]))[0])
 
-    def kinds(self) -> tuple[NoiseKind, ...]:
-        """Some that stand for all, each with as much probability."""
+    def explored(self) -> dict[_At, _Tried]:
+        """What was tried: all that is probable, and coarsely the rest."""
         span = range(_NONE, _MOST + 1, _STEPS[0])
         first = [(i, j, reach) for i, j, reach in product(span, span, _REACH)]
         tried = {at: self._tried(at) for at in map(_clear, first)}
@@ -267,18 +280,9 @@ class _Search:
                 if not (new := beside - tried.keys()):
                     break
                 tried |= {at: self._tried(at) for at in new}
-        likely = sorted(_likely(tried))
-        most = max(tried[at][0] for at in likely)
-        share = np.cumsum([np.exp(tried[at][0] - most) for at in likely])
-        middles = (np.arange(_KINDS) + 0.5) / _KINDS * share[-1]
-        chosen = np.bincount(np.searchsorted(share, middles), minlength=len(likely))
-        return tuple(
-            replace(tried[at][1], weight=float(count) / _KINDS)
-            for at, count in zip(likely, chosen.tolist(), strict=True)
-            if count
-        )
+        return tried
 
-    def _tried(self, at: tuple[int, int, float]) -> tuple[float, NoiseKind]:
+    def _tried(self, at: _At) -> _Tried:
         """Logarithm of the restricted likelihood; and σ² there, with its degrees of freedom."""
         posture, common = (0.0 if k == _NONE else 10.0 ** (k / _STEPS[0]) for k in at[:2])
         covariance = self.own + posture * self.by_posture + common * self.near[at[2]]
@@ -293,13 +297,29 @@ class _Search:
         return log, NoiseKind(0.0, self.stated, posture, common, at[2], variance, freedom)
 
 
-def _clear(at: tuple[int, int, float]) -> tuple[int, int, float]:
+def _kinds(searches: Sequence[_Search]) -> tuple[NoiseKind, ...]:
+    """Some that stand for all that are probable, each with as much probability."""
+    explored = [(at, *one) for search in searches for at, one in search.explored().items()]
+    most = max(log for _, log, _ in explored)
+    likely = [one for one in explored if one[1] > most - _LESS_LIKELY]
+    likely.sort(key=lambda one: (one[2].stated, one[0]))
+    share = np.cumsum([np.exp(log - most) for _, log, _ in likely])
+    middles = (np.arange(_KINDS) + 0.5) / _KINDS * share[-1]
+    chosen = np.bincount(np.searchsorted(share, middles), minlength=len(likely))
+    return tuple(
+        replace(kind, weight=float(count) / _KINDS)
+        for (*_, kind), count in zip(likely, chosen.tolist(), strict=True)
+        if count
+    )
+
+
+def _clear(at: _At) -> _At:
     """A point of the grid within its limits; without near errors they have no reach."""
     posture, near = (min(max(k, _NONE), _MOST) for k in at[:2])
     return posture, near, _REACH[0] if near == _NONE else at[2]
 
 
-def _beside(at: tuple[int, int, float], step: int) -> list[tuple[int, int, float]]:
+def _beside(at: _At, step: int) -> list[_At]:
     posture, near, reach = at
     # Out of none, near errors may have any reach.
     steps = [(posture + step, near), (posture - step, near), (posture, near - step)]
@@ -307,9 +327,7 @@ def _beside(at: tuple[int, int, float], step: int) -> list[tuple[int, int, float
     return [(*k, reach) for k in steps] + [(posture, near + step, other) for other in reaches]
 
 
-def _likely(
-    tried: Mapping[tuple[int, int, float], tuple[float, NoiseKind]],
-) -> list[tuple[int, int, float]]:
+def _likely(tried: Mapping[_At, _Tried]) -> list[_At]:
     """Points that are not much less likely than the best."""
     most = max(log for log, _ in tried.values())
     return [at for at, (log, _) in tried.items() if log > most - _LESS_LIKELY]

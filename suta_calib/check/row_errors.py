@@ -7,7 +7,7 @@ components of
 
     V(θ) = V_own + θ_1 V_posture + θ_2 V_near(ℓ)
 
-each with a mean variance of one over the rows of the calibration.
+each with a variance of one in a typical row of the calibration.
 """
 
 from __future__ import annotations
