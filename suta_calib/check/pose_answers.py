@@ -10,21 +10,32 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
 
 from suta_calib.check.checking import Checker
+from suta_calib.check.target_poses import corners_in, is_picture, target_poses
 from suta_calib.display import Displayable
 from suta_calib.errors import InputError, SamplesError
-from suta_calib.measurements import Samples
+from suta_calib.measurements import (
+    Board,
+    Camera,
+    Samples,
+    read_board,
+    read_camera,
+    read_corners,
+)
+from suta_calib.measurements.csv_table import read_csv_table
 from suta_calib.measurements.pose_files import (
     PointSet,
     PosePairs,
     ToolPoses,
     read_corresponding_points,
+    read_hand_poses,
     read_pose_pairs,
     read_tool_poses,
 )
@@ -32,7 +43,7 @@ from suta_calib.solver.options import SolverOptions
 from suta_calib.solver.problem import Problem
 from suta_calib.solver.solve import solve
 from suta_calib.terms import FixedPoint, HandEye, MeasuredPoses, Term, TrackedPoint
-from suta_calib.terms.hand_eye_start import as_eye_in_hand
+from suta_calib.terms.hand_eye_start import as_eye_in_hand, some_poses
 from suta_calib.words import enumerated
 
 
@@ -67,6 +78,29 @@ def _pairs(files: Sequence[Path], content: Mapping[str, Any], new: bool) -> Term
     return HandEye(MeasuredPoses(*hand, _samples(pairs, position=position, rotation=rotation)))
 
 
+def _pictured(
+    files: Sequence[Path],
+    content: Mapping[str, Any],
+    new: bool,
+    board: Board,
+    camera: Camera,
+) -> Term:
+    """As `_pairs`, the target where each picture's corners have it."""
+    del new
+    poses, *others = files
+    hand = read_hand_poses(poses)
+    corners = (
+        corners_in(others, board, camera) if is_picture(others[0]) else read_corners(others[0])
+    )
+    rows, rotation, position = target_poses(hand.image.tolist(), corners, board, camera)
+    of_hand = as_eye_in_hand(some_poses(hand.pose, rows), content.get("setup", "eye-in-hand"))
+    origin = [f"{poses.name}:{hand.lines[row]}" for row in rows.tolist()]
+    samples = Samples.from_arrays(
+        [], np.zeros((len(rows), 0)), position=position, rotation=rotation, origin=origin
+    )
+    return HandEye(MeasuredPoses(*of_hand, samples))
+
+
 def _pivoted(files: Sequence[Path], content: Mapping[str, Any], new: bool) -> Term:
     del content
     tool = read_tool_poses(files[0])
@@ -90,6 +124,7 @@ def _samples(rows: PosePairs | ToolPoses | PointSet, **columns: Any) -> Samples:
     return Samples.from_arrays([], np.zeros((len(origin), 0)), origin=origin, **columns)
 
 
+YAML: Final = (".yaml", ".yml")
 COMMANDS: Final = (
     PoseCommand("hand-eye", "X", ("POSES.csv",), _pairs),
     PoseCommand("pivot", "tip_mm", ("POSES.csv",), _pivoted),
@@ -125,7 +160,8 @@ class PoseAnswer(Displayable):
             InputError: other files than the command reads.
         """
         paths = [Path(file) for file in files]
-        if len(paths) != len(self.command.files):
+        needed = len(self.command.files)
+        if len(paths) != needed and not (len(paths) > needed and is_picture(paths[-1])):
             expected = f"{enumerated(self.command.files)}, as suta-calib {self.command.name} reads"
             raise SamplesError(
                 f"{len(paths)} file{'s' * (len(paths) != 1)}", expected, file=paths[0]
@@ -143,28 +179,53 @@ def read_pose_answer(command: PoseCommand, content: Mapping[str, Any], file: Pat
 
     Raises:
         InputError: these are not there any more or were changed, or it is made from other data than
-            poses, such as pictures.
+            poses and pictures.
     """
     files = _inputs(command, content, file)
+    if len(files) > len(command.files):
+        command, files = _with_pictures(command, files, content, file)
     term = command.term(files, content, False)
-    outliers = np.array(content.get("outliers") or [], dtype=np.intp)
-    kept = np.setdiff1d(np.arange(len(term.poses)), outliers)
+    lines = set(map(str, content.get("outlier_lines") or []))
+    origin = term.poses.samples.origin
+    kept = [k for k, row in enumerate(origin) if row.rpartition(":")[2] not in lines]
     solution = solve(Problem([term.take(kept)]), SolverOptions(starts=1))
     return PoseAnswer(file, content, command, Checker(solution))
+
+
+def _with_pictures(
+    command: PoseCommand, files: Sequence[Path], content: Mapping[str, Any], file: Path
+) -> tuple[PoseCommand, list[Path]]:
+    """The command over one camera's pictures of one board, with the camera as it was calibrated."""
+    tables = [path for path in files if path.suffix.lower() not in YAML]
+    corners = [path for path in tables if {"image", "u", "v"} <= {*read_csv_table(path).columns}]
+    poses = [path for path in tables if path not in corners]
+    lens = [p for p in (file.with_name("camera.yaml"), *files) if p.is_file() and _is_camera(p)]
+    boards = [path for path in files if path not in tables and not _is_camera(path)]
+    if not (len(poses) == len(corners) == len(boards) == 1 and lens and "X" in content):
+        raise InputError(
+            f"a result of {command.name} from {enumerated([path.name for path in files])}",
+            "one of poses, or of one camera's pictures of one board",
+            file=file,
+            where="run.inputs",
+            hint="of several cameras or of profiles, the result of a job can be checked "
+            "(suta-calib init)",
+        )
+    term = partial(_pictured, board=read_board(boards[0]), camera=read_camera(lens[0]))
+    read = (*command.files, "CORNERS.csv or pictures")
+    return replace(command, files=read, term=term), [*poses, *corners]
+
+
+def _is_camera(path: Path) -> bool:
+    return path.suffix.lower() in YAML and "camera_matrix" in path.read_text(errors="replace")
 
 
 def _inputs(command: PoseCommand, content: Mapping[str, Any], file: Path) -> list[Path]:
     """The files that an answer was made from, unchanged."""
     run = content.get("run")
     inputs = run.get("inputs") if isinstance(run, dict) else None
-    if not isinstance(inputs, dict) or len(inputs) != len(command.files):
-        raise InputError(
-            f"an answer of {command.name} from {len(inputs or ())} files",
-            f"one from {enumerated(command.files)} alone",
-            file=file,
-            where="run.inputs",
-            hint="of pictures or profiles, the result of a job can be checked (suta-calib init)",
-        )
+    if not isinstance(inputs, dict) or len(inputs) < len(command.files):
+        expected = f"{enumerated(command.files)} that it was made from"
+        raise InputError("no files", expected, file=file, where="run.inputs")
     found = []
     for name, sha256 in inputs.items():
         places = [Path(name), *(up / Path(name).name for up in (file.parent.parent, file.parent))]

@@ -10,18 +10,16 @@ from typing import Any
 
 import numpy as np
 
-from suta_calib import vision
 from suta_calib.assessment import refuse_unusable
 from suta_calib.check.checking import Checker
 from suta_calib.check.pose_answers import PoseAnswer, command_of, read_pose_answer
-from suta_calib.check.target_poses import with_target_poses
+from suta_calib.check.target_poses import corners_in, is_picture, with_target_poses
 from suta_calib.display import Displayable
 from suta_calib.errors import InputError, SamplesError
 from suta_calib.job.calibration import CalibrationJob
 from suta_calib.job.job_terms import read_term
 from suta_calib.job.schema import ObservationSpec
 from suta_calib.measurements import Board, Camera, read_board, read_camera, write_corners
-from suta_calib.measurements.corners import Corners
 from suta_calib.measurements.csv_table import read_csv_table
 from suta_calib.solver.covariance import Spread
 from suta_calib.solver.fitted import Fitted
@@ -33,7 +31,6 @@ from suta_calib.solver.weights import prior_groups
 from suta_calib.terms.term import Term
 from suta_calib.tracking.read_back import load_job
 from suta_calib.tracking.uncertainty import numbers, read_json_object
-from suta_calib.vision.pictures import SUFFIXES
 from suta_calib.words import enumerated
 
 # Columns that only a file of corners in pictures has.
@@ -82,7 +79,7 @@ class ReadBack(Displayable):
             InputError: a file that is like no row of the job, or like several.
         """
         paths = [Path(file) for file in files]
-        pictures = [path for path in paths if path.is_dir() or path.suffix.lower() in SUFFIXES]
+        pictures = [path for path in paths if is_picture(path)]
         samples = [path for path in paths if path not in pictures]
         with TemporaryDirectory(prefix="suta-calib-") as place:
             folder = Path(place)
@@ -91,7 +88,7 @@ class ReadBack(Displayable):
             if pictures:
                 seen = self._seen(like, board, camera, pictures[0])
                 corners.append(folder / "corners.csv")
-                write_corners(corners[-1], _corners_in(pictures, *seen))
+                write_corners(corners[-1], corners_in(pictures, *seen))
             if len(corners) > 1:
                 expected = "one file of corners, for the pictures of all samples"
                 raise SamplesError(f"{len(corners)} files of corners", expected, file=corners[1])
@@ -198,15 +195,6 @@ class ReadBack(Displayable):
                 hint="name its kind or label with --like",
             )
         return next(iter(suiting))
-
-
-def _corners_in(pictures: Sequence[Path], board: Board, camera: Camera | None) -> Corners:
-    """Corners of a board, as a camera took them."""
-    found = vision.detect(vision.find_pictures(pictures), board, camera)
-    if not len(found.corners):
-        expected = "pictures of the board of the job"
-        raise SamplesError("pictures without a board", expected, file=pictures[0])
-    return found.corners
 
 
 def same_row(row: ObservationSpec, other: ObservationSpec) -> bool:

@@ -3,17 +3,22 @@
 from __future__ import annotations
 
 import csv
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 
+from suta_calib import vision
+from suta_calib.arrays import FloatArray, IntArray
 from suta_calib.errors import SamplesError
 from suta_calib.geometry.numbers import quaternion_from_rotation
 from suta_calib.measurements import Board, Camera, Samples, read_corners
+from suta_calib.measurements.corners import Corners
 from suta_calib.measurements.csv_table import read_csv_table
 from suta_calib.terms import MeasuredPoses
 from suta_calib.terms.board_pictures import BoardPictures
 from suta_calib.terms.camera_row import with_corners
+from suta_calib.vision.pictures import SUFFIXES
 
 POSE = ("x", "y", "z", "qx", "qy", "qz", "qw")
 
@@ -34,26 +39,62 @@ def with_target_poses(
         SamplesError: no such column, or no picture that tells where the board is.
     """
     table = read_csv_table(samples)
-    images = np.array(table.cells("image", "the name of the picture taken at each row"))
-    count = len(images)
-    blank = Samples.from_arrays(
-        [], np.zeros((count, 0)), labels={"image": images}, origin=[str(k) for k in range(count)]
-    )
-    poses = MeasuredPoses(np.tile(np.eye(3), (count, 1, 1)), np.zeros((count, 3)), blank)
-    seen = with_corners(poses, read_corners(corners), board).samples
-    assert seen.pixels is not None
-    rotation, position = BoardPictures(board, camera, seen.pixels).poses
-    there = np.flatnonzero(np.isfinite(position).all(axis=1))
-    if not len(there):
-        expected = "pictures from which the pose of the board follows"
-        raise SamplesError("too few corners in every picture", expected, file=corners)
-    rows = [int(seen.origin[k]) for k in there.tolist()]
-    numbers = np.hstack([position[there], quaternion_from_rotation(rotation[there])])
+    images = table.cells("image", "the name of the picture taken at each row")
+    rows, rotation, position = target_poses(images, read_corners(corners), board, camera)
+    numbers = np.hstack([position, quaternion_from_rotation(rotation)])
     kept = [name for name in table.columns if name not in POSE]
     out = folder / samples.name
     with out.open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file)
         writer.writerow([*kept, *POSE])
-        for row, pose in zip(rows, numbers.tolist(), strict=True):
+        for row, pose in zip(rows.tolist(), numbers.tolist(), strict=True):
             writer.writerow([*(table.columns[name][row] for name in kept), *map(repr, pose)])
     return out
+
+
+def target_poses(
+    images: Sequence[str], corners: Corners, board: Board, camera: Camera
+) -> tuple[IntArray, FloatArray, FloatArray]:
+    """Which rows (k,) have a picture that tells where the board is, and its pose in the camera.
+
+    Args:
+        images: of each row (n,).
+        corners: in these pictures.
+        board: that is seen.
+        camera: that sees it.
+
+    Raises:
+        SamplesError: no picture does.
+    """
+    count = len(images)
+    labels = {"image": np.array(images)}
+    numbered = [str(k) for k in range(count)]
+    blank = Samples.from_arrays([], np.zeros((count, 0)), labels=labels, origin=numbered)
+    poses = MeasuredPoses(np.tile(np.eye(3), (count, 1, 1)), np.zeros((count, 3)), blank)
+    seen = with_corners(poses, corners, board).samples
+    assert seen.pixels is not None
+    rotation, position = BoardPictures(board, camera, seen.pixels).poses
+    there = np.flatnonzero(np.isfinite(position).all(axis=1))
+    if not len(there):
+        expected = "pictures from which the pose of the board follows"
+        raise SamplesError("too few corners in every picture", expected, file=corners.path)
+    rows = np.array([int(seen.origin[k]) for k in there.tolist()], dtype=np.intp)
+    return rows, rotation[there], position[there]
+
+
+def corners_in(pictures: Sequence[Path], board: Board, camera: Camera | None) -> Corners:
+    """Corners of a board in pictures (files or folders), as a camera took them.
+
+    Raises:
+        SamplesError: the board is in none.
+    """
+    found = vision.detect(vision.find_pictures(pictures), board, camera)
+    if not len(found.corners):
+        expected = "pictures of the board that was calibrated with"
+        raise SamplesError("pictures without a board", expected, file=pictures[0])
+    return found.corners
+
+
+def is_picture(path: Path) -> bool:
+    """Whether it is a picture, or a folder of them."""
+    return path.is_dir() or path.suffix.lower() in SUFFIXES

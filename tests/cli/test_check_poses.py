@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from camera_scenes import CAMERA, pictures
 from cli_job import answer, cli, refused
 from pose_scenes import PAIR, POSE, pair_numbers, pivot_numbers, point_numbers, write_csv
+from scipy.spatial.transform import Rotation
+
+from suta_calib.measurements import write_board, write_camera, write_corners
 
 pytestmark = pytest.mark.usefixtures("undrawn")
 MOVED = np.array([1e-3, 0.0, 0.0])
@@ -32,6 +37,32 @@ def test_a_camera_that_was_moved_is_named(tmp_path: Path, setup: str) -> None:
     (change,) = answer("check", out, moved, "--no-history", code=1)["changed"]
     assert change["what"] == "camera"
     assert change["by_mm"] == pytest.approx(1.0, abs=4 * change["std_mm"])
+
+
+def test_a_camera_is_checked_by_pictures(tmp_path: Path) -> None:
+    """Of a `hand-eye` of corners: the rest of its pictures, in which the camera was turned."""
+    scene = pictures(22, pixel=0.1, robot=(1e-4, 1e-4), seed=1)
+    (view,) = scene.views
+    R, p = scene.hand.pose
+    numbers = np.hstack([p, Rotation.from_matrix(R).as_quat()])
+    files = tmp_path / "poses.csv", tmp_path / "new.csv"
+    columns = (*PAIR[:7], "image")
+    for file, rows in zip(files, (slice(0, 16), slice(16, 22)), strict=True):
+        write_csv(file, columns, numbers[rows], scene.hand.image[rows].tolist())
+    write_board(tmp_path / "board.yaml", view.board)
+    write_camera(tmp_path / "camera.yaml", CAMERA)
+    write_corners(tmp_path / "corners.csv", view.corners)
+    turned = replace(view.corners, pixel=view.corners.pixel + np.array([4.0, 0.0]))
+    write_corners(tmp_path / "turned.csv", turned)
+    given = ["hand-eye", files[0], "--out", tmp_path / "hand_eye"]
+    for option, name in (("corners", "csv"), ("board", "yaml"), ("camera", "yaml")):
+        given += [f"--{option}", tmp_path / f"{option}.{name}"]
+    assert cli(*given) == 0
+    new = "check", tmp_path / "hand_eye", files[1]
+    assert answer(*new, tmp_path / "corners.csv")["unchanged"]
+    (change,) = answer(*new, tmp_path / "turned.csv", code=1)["changed"]
+    assert change["what"] == "camera"
+    assert "CORNERS.csv or pictures" in refused(*new)
 
 
 def test_a_tip_that_was_bent_is_named_wherever_the_post_stands(tmp_path: Path) -> None:
