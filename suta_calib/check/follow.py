@@ -99,7 +99,7 @@ class Follow(Displayable):
     _bad: list[str] = field(default_factory=list, init=False)
     _before: int = field(default=0, init=False)
     _stretch: int = field(default=1, init=False)
-    _known: tuple[float, int] = field(default=(0.0, 0), init=False)
+    _accepted: tuple[float, int] = field(default=(0.0, 0), init=False)
     _most: float = field(default=-math.inf, init=False)
 
     @single_threaded
@@ -164,7 +164,7 @@ class Follow(Displayable):
             squares = (0.0, 0) if checking is None else _squares(checking)
         elif self._held:
             self._bad += [origin for held in self._held for origin in held.origin]
-        self._rows, self._held, self._known = rows, [], squares
+        self._rows, self._held, self._accepted = rows, [], squares
         if checking is None:
             return
         # Once reached, it stays: what is certain at a time that nobody chose is certain.
@@ -174,7 +174,7 @@ class Follow(Displayable):
         if squares[1] >= 240 and not self.step.changed:
             self._before += len(self._rows)
             self._stretch += 1
-            self._rows, self._known = [], (0.0, 0)
+            self._rows, self._accepted = [], (0.0, 0)
 
     def _checking(self, rows: list[Samples]) -> Checking | None:
         """A check of some rows; None where they are too few to be looked at."""
@@ -190,7 +190,7 @@ class Follow(Displayable):
 
     def _is_far(self, after: tuple[float, int]) -> bool:
         """Whether a row is far from where those before it have it: squares with it, and numbers."""
-        squares, count = (now - before for now, before in zip(after, self._known, strict=True))
+        squares, count = (now - before for now, before in zip(after, self._accepted, strict=True))
         if count < 1:
             return False
         freedom = self.checker.errors.freedom

@@ -187,8 +187,8 @@ def read_pose_answer(command: PoseCommand, content: Mapping[str, Any], file: Pat
     term = command.term(files, content, False)
     lines = set(map(str, content.get("outlier_lines") or []))
     origin = term.poses.samples.origin
-    kept = [k for k, row in enumerate(origin) if row.rpartition(":")[2] not in lines]
-    solution = solve(Problem([term.take(kept)]), SolverOptions(starts=1))
+    inliers = [k for k, row in enumerate(origin) if row.rpartition(":")[2] not in lines]
+    solution = solve(Problem([term.take(inliers)]), SolverOptions(starts=1))
     return PoseAnswer(file, content, command, Checker(solution))
 
 
@@ -226,7 +226,7 @@ def _inputs(command: PoseCommand, content: Mapping[str, Any], file: Path) -> lis
     if not isinstance(inputs, dict) or len(inputs) < len(command.files):
         expected = f"{enumerated(command.files)} that it was made from"
         raise InputError("no files", expected, file=file, where="run.inputs")
-    found = []
+    unchanged = []
     for name, sha256 in inputs.items():
         places = [Path(name), *(up / Path(name).name for up in (file.parent.parent, file.parent))]
         there = [place for place in places if place.is_file()]
@@ -240,5 +240,5 @@ def _inputs(command: PoseCommand, content: Mapping[str, Any], file: Path) -> lis
                 where="run.inputs",
                 hint=f"put the file back, or run suta-calib {command.name} again",
             )
-        found.append(same[0])
-    return found
+        unchanged.append(same[0])
+    return unchanged

@@ -96,11 +96,11 @@ class ReadBack(Displayable):
                 expected = "the samples too: the joints' readings at each row"
                 raise SamplesError("no samples", expected, file=next(iter(corners), None))
             if corners and not self._rows_with("corners", like):
-                known, lens = self._seen(like, board, camera, corners[0])
+                target, lens = self._seen(like, board, camera, corners[0])
                 if lens is None:
                     raise self._no_camera(corners[0])
                 samples = [
-                    with_target_poses(file, corners[0], known, lens, folder) for file in samples
+                    with_target_poses(file, corners[0], target, lens, folder) for file in samples
                 ]
                 corners = []
             return self._terms(samples, corners, like)
@@ -120,8 +120,8 @@ class ReadBack(Displayable):
         rows = self._rows_with("board", like)
         if rows:
             settings = rows[0].settings
-            known = settings["board"] if board is None else read_board(board)
-            return known, settings.get("camera") if camera is None else read_camera(camera)
+            target = settings["board"] if board is None else read_board(board)
+            return target, settings.get("camera") if camera is None else read_camera(camera)
         if board is None or camera is None:
             raise self._no_camera(file)
         return read_board(board), read_camera(camera)

@@ -90,10 +90,16 @@ class RowErrors:
             moved = _by_sample(r, velocity, looked_at), _by_sample(r, shift, looked_at)
             looks, states = np.repeat(looked_at, size, axis=0).T, _stated(r)
             if summed and members == 1 and not states.any():
-                mine = SampleSums.of(r, moved[1][0], above)
-                sums.append(mine)
-                moved = mine.sum(moved[0][0], above)[None], mine.sum(moved[1][0], above)[None]
-                looks, states = looks[:, mine.first - above], np.zeros(len(mine.first))
+                sums_of_block = SampleSums.of(r, moved[1][0], above)
+                sums.append(sums_of_block)
+                moved = (
+                    sums_of_block.sum(moved[0][0], above)[None],
+                    sums_of_block.sum(moved[1][0], above)[None],
+                )
+                looks, states = (
+                    looks[:, sums_of_block.first - above],
+                    np.zeros(len(sums_of_block.first)),
+                )
             else:
                 sums.append(SampleSums.of_each(n * size, above))
             count = len(states)

@@ -42,13 +42,13 @@ def with_target_poses(
     images = table.cells("image", "the name of the picture taken at each row")
     rows, rotation, position = target_poses(images, read_corners(corners), board, camera)
     numbers = np.hstack([position, quaternion_from_rotation(rotation)])
-    kept = [name for name in table.columns if name not in POSE]
+    columns = [name for name in table.columns if name not in POSE]
     out = folder / samples.name
     with out.open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file)
-        writer.writerow([*kept, *POSE])
+        writer.writerow([*columns, *POSE])
         for row, pose in zip(rows.tolist(), numbers.tolist(), strict=True):
-            writer.writerow([*(table.columns[name][row] for name in kept), *map(repr, pose)])
+            writer.writerow([*(table.columns[name][row] for name in columns), *map(repr, pose)])
     return out
 
 
@@ -71,14 +71,14 @@ def target_poses(
     numbered = [str(k) for k in range(count)]
     blank = Samples.from_arrays([], np.zeros((count, 0)), labels=labels, origin=numbered)
     poses = MeasuredPoses(np.tile(np.eye(3), (count, 1, 1)), np.zeros((count, 3)), blank)
-    seen = with_corners(poses, corners, board).samples
-    assert seen.pixels is not None
-    rotation, position = BoardPictures(board, camera, seen.pixels).poses
+    pictured = with_corners(poses, corners, board).samples
+    assert pictured.pixels is not None
+    rotation, position = BoardPictures(board, camera, pictured.pixels).poses
     there = np.flatnonzero(np.isfinite(position).all(axis=1))
     if not len(there):
         expected = "pictures from which the pose of the board follows"
         raise SamplesError("too few corners in every picture", expected, file=corners.path)
-    rows = np.array([int(seen.origin[k]) for k in there.tolist()], dtype=np.intp)
+    rows = np.array([int(pictured.origin[k]) for k in there.tolist()], dtype=np.intp)
     return rows, rotation[there], position[there]
 
 
@@ -88,11 +88,11 @@ def corners_in(pictures: Sequence[Path], board: Board, camera: Camera | None) ->
     Raises:
         SamplesError: the board is in none.
     """
-    found = vision.detect(vision.find_pictures(pictures), board, camera)
-    if not len(found.corners):
+    detection = vision.detect(vision.find_pictures(pictures), board, camera)
+    if not len(detection.corners):
         expected = "pictures of the board that was calibrated with"
         raise SamplesError("pictures without a board", expected, file=pictures[0])
-    return found.corners
+    return detection.corners
 
 
 def is_picture(path: Path) -> bool:
