@@ -15,7 +15,7 @@ from suta_calib.analysis.comparison import check_nominal
 from suta_calib.arrays import FloatArray
 from suta_calib.assessment import refuse_unusable, says_usable
 from suta_calib.display import Displayable
-from suta_calib.errors import ForeignFileError, InputError
+from suta_calib.errors import InputError
 from suta_calib.exchange.cells import is_folder
 from suta_calib.exchange.rotations import is_rotation
 from suta_calib.geometry.numbers import homogeneous, rotation_from_rpy
@@ -23,9 +23,11 @@ from suta_calib.inputs import UrdfFile
 from suta_calib.job.schema import JobSpec, read_job
 from suta_calib.measurements.camera import Camera
 from suta_calib.model.arm import ArmModel
+from suta_calib.model.bodies import Bodies
 from suta_calib.model.chain import Chain, ChainJoint
 from suta_calib.model.robot import AnyArm
 from suta_calib.pose_calibration.eye_poses import FRAMES
+from suta_calib.terms.external_frame import labelled
 from suta_calib.tracking.provenance import arm_of_job, made_from
 from suta_calib.tracking.uncertainty import (
     CalibrationUncertainty,
@@ -145,14 +147,14 @@ class Result(Displayable):
         path: the ``result.json``.
         arm: of a calibration; None for a closed problem.
         transforms: poses that it found: of cameras, instruments and artefacts, of a tool.
-        camera: with the intrinsics that were found, or None.
+        cameras: by their labels, with the intrinsics that were found.
         data: the JSON itself.
     """
 
     path: Path
     arm: CalibratedArm | None
     transforms: tuple[Transform, ...]
-    camera: Camera | None = None
+    cameras: Mapping[str, Camera] = field(default_factory=dict)
     data: Mapping[str, Any] = field(default_factory=dict)
 
     @property
@@ -212,7 +214,7 @@ def read_result(
         if not transforms:
             expected = "the result of calibrate, hand-eye, pivot or register"
             raise InputError("a result that cannot be exported", expected, file=path)
-        return Result(path, None, transforms, None, data)
+        return Result(path, None, transforms, {}, data)
     job: JobSpec | None = None
     model: AnyArm
     if urdf is None:
@@ -229,7 +231,7 @@ def read_result(
     arm = CalibratedArm(model, calibration, chain)
     if chain:
         _ = arm.alone
-    return Result(path, arm, tuple(_external(data, arm, path)), _camera(data, job, path), data)
+    return Result(path, arm, tuple(_external(data, arm, path)), _cameras(data, job, path), data)
 
 
 def _external(data: Mapping[str, Any], arm: CalibratedArm, path: Path) -> Iterator[Transform]:
@@ -267,27 +269,25 @@ def _pose(value: object, path: Path, where: str) -> FloatArray:
     return matrix
 
 
-def _camera(data: Mapping[str, Any], job: JobSpec | None, path: Path) -> Camera | None:
-    """The job's camera with the intrinsics that were found; as it was where they were held."""
-    if job is None:
-        return None
-    given = [value for row in job.observations for value in row.settings.values()]
-    camera = next((value for value in given if isinstance(value, Camera)), None)
-    if camera is None:
-        return None
-    parameters = data["parameters"]
-    owners = {name.rpartition(".")[0] for name in parameters if name.endswith(".fx")}
-    if len(owners) > 1:
-        raise ForeignFileError(
-            f"{len(owners)} cameras: {', '.join(sorted(owners))}", "one", file=path
-        )
-    values = dict(camera.values)
-    for owner in owners:
-        for key in camera.lens.names:
-            entry = parameters.get(f"{owner}.{key}", {})
-            values[key] = float(numbers(entry.get("value"), (), path, f"{owner}.{key}"))
-    covariance = None if owners else camera.covariance
-    return replace(camera, intrinsics=np.array([*values.values()]), covariance=covariance)
+def _cameras(data: Mapping[str, Any], job: JobSpec | None, path: Path) -> dict[str, Camera]:
+    """The job's cameras with the intrinsics that were found; as they were where they were held."""
+    parameters, cameras = data["parameters"], dict[str, Camera]()
+    for row in () if job is None else job.observations:
+        camera = next((given for given in row.settings.values() if isinstance(given, Camera)), None)
+        if camera is None:
+            continue
+        # On one of several chains a camera has the name of what carries it before its own.
+        bodies = dict.fromkeys((row.link, row.chain, row.base_chain, ""))
+        labels = [Bodies(body, body).label(row.label, "tip") for body in bodies]
+        found = (name for name in labels if f"{labelled('camera', name)}.fx" in parameters)
+        label = next(found, "")
+        if label:
+            owner = labelled("camera", label)
+            entries = ((key, parameters.get(f"{owner}.{key}", {})) for key in camera.lens.names)
+            values = [numbers(e.get("value"), (), path, f"{owner}.{key}") for key, e in entries]
+            camera = replace(camera, intrinsics=np.array(values, dtype=float), covariance=None)
+        cameras.setdefault(label or labels[0], camera)
+    return cameras
 
 
 def json_bytes(data: Mapping[str, Any]) -> bytes:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -47,6 +48,11 @@ class Writer(Described, ABC):
             InputError: the result holds nothing of this format, or an option cannot be used.
         """
 
+    def more(self, result: Result, given: Given) -> Mapping[str, bytes]:
+        """Further files, as of further cameras, by what is put behind the name of the first."""
+        del result, given
+        return {}
+
     def lost(self, arm: CalibratedArm) -> list[str]:
         """Names of the arm's values that differ from nominal and that the format cannot hold."""
         return [] if self.holds_everything else list(arm.calibration.beside_geometry)
@@ -65,6 +71,7 @@ class Exported(Displayable):
         result: what it was made from.
         form: name of the format.
         content: of the file.
+        more: contents of further files, by what is put behind its name.
         file: its usual name.
         left_out: what the format cannot hold, as JSON; empty where it holds all.
         lost: names of values that it cannot hold.
@@ -75,6 +82,7 @@ class Exported(Displayable):
     result: Result
     form: str
     content: bytes
+    more: Mapping[str, bytes]
     file: str
     left_out: Mapping[str, Any]
     lost: Sequence[str]
@@ -101,22 +109,28 @@ class Exported(Displayable):
         return Assessment.of(f"exported as {self.form}", care=care, facts=facts)
 
     def write(self, path: str | Path) -> list[Path]:
-        """Write the file, and beside it what its format cannot hold, both or none.
+        """Write the file, and beside it what its format cannot hold, all or none.
 
         Returns:
-            The files written, the one of the format first.
+            The files written, those of the format first.
 
         Raises:
             OutputError: a file cannot be written.
         """
         path = Path(path)
         beside = path.with_name(f"{path.name}{BESIDE}")
-        contents = {path.name: self.content}
+        names = [re.sub(r"[^-.\w]", "_", name) for name in self.more]
+        further = {
+            f"{path.stem}-{name}{path.suffix}": content
+            for name, content in zip(names, self.more.values(), strict=True)
+        }
+        contents = {path.name: self.content, **further}
         stale = () if self.left_out else (beside.name,)
         if self.left_out:
             contents = {beside.name: json_bytes(self.left_out), **contents}
+        files = [path, *(path.with_name(name) for name in further)]
         exchange_files(path.parent, contents, [name for name in stale if beside.is_file()])
-        return [path, beside] if self.left_out else [path]
+        return [*files, beside] if self.left_out else files
 
 
 def export_formats() -> dict[str, Writer]:
@@ -140,7 +154,8 @@ def write_foreign(result: Result, form: str, **options: Any) -> Exported:
         MissingExtraError: the format needs a package that is not installed.
     """
     writer = named(export_formats(), form)
-    content = writer.content(result, Given(writer.options, options, writer.name))
+    given = Given(writer.options, options, writer.name)
+    content, more = writer.content(result, given), writer.more(result, given)
     left_out: dict[str, Any] = {}
     lost: list[str] = []
     care: tuple[str, ...] = ()
@@ -150,7 +165,13 @@ def write_foreign(result: Result, form: str, **options: Any) -> Exported:
         left_out = {"parameters": left_out} if lost else {}
         if not writer.holds_covariance and result.arm.calibration.names:
             left_out["covariance"] = covariance_record(result.arm)
-    return Exported(result, form, content, writer.file, left_out, lost, writer.notes, care)
+    notes = writer.notes
+    if more:
+        notes = (
+            *notes,
+            f"Every further file has its name behind the first one's: {listed([*more])}.",
+        )
+    return Exported(result, form, content, more, writer.file, left_out, lost, notes, care)
 
 
 def covariance_record(arm: CalibratedArm) -> dict[str, Any]:

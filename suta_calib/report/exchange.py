@@ -17,6 +17,7 @@ from suta_calib.exchange.option import Described
 from suta_calib.exchange.writer import Exported
 from suta_calib.report.document import Document, Part, Text
 from suta_calib.report.listing import Column, Listing
+from suta_calib.words import enumerated
 
 
 class _Shown(NamedTuple):
@@ -124,9 +125,10 @@ def _pictures(imported: Imported, written: Path, data: dict[str, Any]) -> list[P
 
 def exported_document(export: Exported, written: Sequence[Path]) -> Document:
     """Report of an export: its files, and the values that the format cannot hold."""
-    parts = [Text(f"Written to {written[0]}.")]
-    if written[1:]:
-        parts.append(Text(f"What {export.form} cannot hold is in {written[1]}."))
+    count = 1 + len(export.more)
+    parts = [Text(f"Written to {enumerated([str(path) for path in written[:count]])}.")]
+    if written[count:]:
+        parts.append(Text(f"What {export.form} cannot hold is in {written[count]}."))
     data: dict[str, Any] = {
         "result": str(export.result.path),
         "format": export.form,

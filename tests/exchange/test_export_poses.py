@@ -6,6 +6,7 @@ import ast
 import json
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -17,8 +18,9 @@ from scipy.spatial.transform import Rotation
 
 from suta_calib.errors import InputError
 from suta_calib.exchange import Result, Transform, read_result, write_foreign
+from suta_calib.exchange.result import _cameras
 from suta_calib.geometry.numbers import homogeneous, rotation_from_rpy
-from suta_calib.measurements import Camera
+from suta_calib.measurements import Camera, read_camera
 from suta_calib.model.arm import ArmModel
 from suta_calib.model.urdf_tree import read_tree
 from suta_calib.units import mm
@@ -35,7 +37,7 @@ CAMERA = Camera(
 def found(tmp_path: Path) -> Result:
     """Two poses and a camera, as an answer may hold them."""
     both = (Transform("tool0", "eye", POSES[0]), Transform("base", "board 1", POSES[1]))
-    return Result(tmp_path / "result.json", None, both, CAMERA)
+    return Result(tmp_path / "result.json", None, both, {"default": CAMERA})
 
 
 def test_ros_transforms(found: Result) -> None:
@@ -104,6 +106,54 @@ def test_camera_info_is_read_by_opencv(found: Result, tmp_path: Path) -> None:
         np.testing.assert_allclose(told, numbers.ravel(), rtol=1e-12)
     assert file.getNode("projection_matrix").getNode("data").size() == 12
     assert yaml.safe_load(path.read_text())["camera_name"] == "left"
+
+
+def test_every_camera_is_written(found: Result, tmp_path: Path) -> None:
+    """The first in the file, the others beside it; kalibr has all in one."""
+    right = replace(CAMERA, intrinsics=np.add(CAMERA.intrinsics, [3.0, *np.zeros(8)]))
+    both = replace(found, cameras={"left": CAMERA, "arm/right": right})
+    for form, key in (("camera-info", "camera_matrix"), ("opencv-camera", "camera_matrix")):
+        written = write_foreign(both, form).write(tmp_path / f"{form}.yaml")
+        assert [path.name for path in written] == [f"{form}.yaml", f"{form}-arm_right.yaml"]
+        for path, camera in zip(written, (CAMERA, right), strict=True):
+            assert key in path.read_text()
+            assert np.array_equal(read_camera(path).intrinsics, camera.intrinsics)
+    names = [yaml.safe_load(path.read_text())["camera_name"] for path in tmp_path.glob("camera-i*")]
+    assert sorted(names) == ["arm_right", "left"]
+    flat = {
+        name: replace(c, intrinsics=c.intrinsics * [*np.ones(8), 0])
+        for name, c in both.cameras.items()
+    }
+    chain = yaml.safe_load(write_foreign(replace(both, cameras=flat), "kalibr").content)
+    assert [chain[name]["intrinsics"][0] for name in ("cam0", "cam1")] == [1010.5, 1013.5]
+    with pytest.raises(InputError, match="a name for 2 cameras"):
+        write_foreign(replace(both, cameras=flat), "kalibr", camera_name="eye")
+
+
+def test_the_cameras_of_a_job_are_found_by_their_labels(tmp_path: Path) -> None:
+    """One that was held, one that was estimated, and one on a chain."""
+    rows = [("left", "", "fixed"), ("right", "", "free"), ("default", "arm", "free")]
+    job = SimpleNamespace(
+        observations=[
+            SimpleNamespace(
+                settings={"camera": CAMERA}, label=label, chain=chain, base_chain="", link=""
+            )
+            for label, chain, _ in rows
+        ]
+    )
+    values = dict(zip(CAMERA.lens.names, (CAMERA.intrinsics + 1.0).tolist(), strict=True))
+    parameters = {
+        f"camera[{owner}].{key}": {"value": value}
+        for owner in ("right", "arm")
+        for key, value in values.items()
+    }
+    cameras = _cameras({"parameters": parameters}, job, tmp_path)  # type: ignore[arg-type]
+    assert [*cameras] == ["left", "right", "arm"]
+    moved = [
+        np.ptp(camera.intrinsics - CAMERA.intrinsics) + camera.intrinsics[0]
+        for camera in cameras.values()
+    ]
+    assert moved == pytest.approx([1010.5, 1011.5, 1011.5])
 
 
 def test_answers_of_closed_problems(tmp_path: Path) -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Final
 
@@ -30,17 +32,34 @@ class CameraInfoWriter(Writer):
 
     def content(self, result: Result, given: Given) -> bytes:
         """`camera.yaml`, with the matrices of a camera that is not rectified."""
-        camera = _camera(result, self.name)
-        name = given.text(NAME, "camera")
+        label, camera = next(iter(_cameras(result, self.name).items()))
+        name = given.text(NAME, _ros_name(label))
         if not name.replace("_", "").replace("/", "").isalnum():
             raise given.refuse(NAME, repr(name), "letters, digits, _ and /")
-        projection: FloatArray = np.hstack([camera.matrix, np.zeros((3, 1))])
-        # OpenCV's FileStorage asks for the first line; YAML readers take it in this spelling.
-        return (
-            f"%YAML 1.0\n---\ncamera_name: {name}\n{camera_text(camera)}"
-            f"rectification_matrix: {matrix_text(np.eye(3))}\n"
-            f"projection_matrix: {matrix_text(projection)}\n"
-        ).encode()
+        return _camera_info(name, camera)
+
+    def more(self, result: Result, given: Given) -> Mapping[str, bytes]:
+        """A file for every other camera."""
+        del given
+        return {
+            label: _camera_info(_ros_name(label), camera)
+            for label, camera in [*result.cameras.items()][1:]
+        }
+
+
+def _ros_name(label: str) -> str:
+    """A label as ROS allows names."""
+    return "camera" if label == "default" else re.sub(r"\W", "_", label)
+
+
+def _camera_info(name: str, camera: Camera) -> bytes:
+    projection: FloatArray = np.hstack([camera.matrix, np.zeros((3, 1))])
+    # OpenCV's FileStorage asks for the first line; YAML readers take it in this spelling.
+    return (
+        f"%YAML 1.0\n---\ncamera_name: {name}\n{camera_text(camera)}"
+        f"rectification_matrix: {matrix_text(np.eye(3))}\n"
+        f"projection_matrix: {matrix_text(projection)}\n"
+    ).encode()
 
 
 class OpencvCameraWriter(Writer):
@@ -54,29 +73,43 @@ class OpencvCameraWriter(Writer):
     def content(self, result: Result, given: Given) -> bytes:
         """Size, matrix, and the coefficients; and their model, for which OpenCV has no key."""
         del given
-        camera = _camera(result, self.name)
-        return (
-            "%YAML:1.0\n---\n"
-            f"image_width: {camera.width}\nimage_height: {camera.height}\n"
-            f"distortion_model: {camera.lens.name}\n"
-            f"camera_matrix: {_storage(camera.matrix)}"
-            f"distortion_coefficients: {_storage(camera.intrinsics[4:, None])}"
-        ).encode()
+        return _file_storage(next(iter(_cameras(result, self.name).values())))
+
+    def more(self, result: Result, given: Given) -> Mapping[str, bytes]:
+        """A file for every other camera."""
+        del given
+        return {label: _file_storage(camera) for label, camera in [*result.cameras.items()][1:]}
+
+
+def _file_storage(camera: Camera) -> bytes:
+    return (
+        "%YAML:1.0\n---\n"
+        f"image_width: {camera.width}\nimage_height: {camera.height}\n"
+        f"distortion_model: {camera.lens.name}\n"
+        f"camera_matrix: {_storage(camera.matrix)}"
+        f"distortion_coefficients: {_storage(camera.intrinsics[4:, None])}"
+    ).encode()
 
 
 class KalibrWriter(Writer):
     """The camera's intrinsics as a camchain of kalibr has them."""
 
     name = "kalibr"
-    summary = "camera as a camchain.yaml of kalibr (pinhole with radtan or equidistant)"
+    summary = "cameras as a camchain.yaml of kalibr (pinhole with radtan or equidistant)"
     example = "results --format kalibr --camera-name cam0 --out camchain.yaml"
     options = (NAME,)
     file = "exported_camchain.yaml"
 
     def content(self, result: Result, given: Given) -> bytes:
-        """One camera; its radtan has no k3, so that a lens with one is refused."""
-        entry = camchain_entry(_camera(result, self.name), result.path)
-        return yaml_text({given.text(NAME, "cam0"): entry}).encode()
+        """Every camera; its radtan has no k3, so that a lens with one is refused."""
+        cameras = _cameras(result, self.name)
+        names = [f"cam{k}" for k in range(len(cameras))]
+        if name := given.text(NAME, ""):
+            if len(cameras) > 1:
+                raise given.refuse(NAME, f"a name for {len(cameras)} cameras", ", ".join(names))
+            names = [name]
+        entries = (camchain_entry(camera, result.path) for camera in cameras.values())
+        return yaml_text(dict(zip(names, entries, strict=True))).encode()
 
 
 def camchain_entry(camera: Camera, path: Path | None) -> dict[str, Any]:
@@ -104,11 +137,12 @@ def camchain_entry(camera: Camera, path: Path | None) -> dict[str, Any]:
     }
 
 
-def _camera(result: Result, wanted: str) -> Camera:
-    if result.camera is None:
+def _cameras(result: Result, wanted: str) -> Mapping[str, Camera]:
+    """One or more, by their labels."""
+    if not result.cameras:
         problem = f"no camera, which the format {wanted} needs"
         raise InputError(problem, "the result of a job with a camera", file=result.path)
-    return result.camera
+    return result.cameras
 
 
 def _storage(matrix: FloatArray) -> str:
