@@ -60,7 +60,10 @@ if TYPE_CHECKING:
     "eye-in-hand",
 )
 @option(
-    "--model", "Whether only X is estimated, or X and Z.", click.Choice(["AX=XB", "AX=ZB"]), "AX=XB"
+    "--model",
+    "Whether only X is estimated, or X and Z; of several eyes or targets by name, always both.",
+    click.Choice(["AX=XB", "AX=ZB"]),
+    "AX=XB",
 )
 @option(
     "--corners",

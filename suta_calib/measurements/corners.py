@@ -114,8 +114,9 @@ class Corners(Displayable):
             return "u and v count from the first pixel, whose centre is 0, 0"
         width, height = np.ceil(self.pixel.max(axis=0)).astype(int) + 1
         return (
-            f"all corners are within {width} x {height} px: the camera's file must be for pictures "
-            "of this size"
+            f"the corners reach {width} x {height} px, so the pictures are larger than the "
+            "camera's file states: calibrate the camera with these pictures (suta-calib detect "
+            "--camera-out)"
         )
 
 

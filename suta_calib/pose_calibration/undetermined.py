@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import Final, Literal
 
 import numpy as np
 
@@ -15,6 +15,9 @@ from suta_calib.solver.identifiability import NOISE_INDUCED_SHARE
 from suta_calib.solver.solution import Solution
 from suta_calib.words import listed
 
+# Motions about or along an axis, and about or along all of them.
+TURN: Final = ("turn about", "turn about any axis")
+SLIDE: Final = ("slide along", "be anywhere")
 # What has a pose among several.
 Role = Literal["eye", "camera", "target"]
 
@@ -121,13 +124,17 @@ def undetermined_directions(
     if not weak:
         return []
     if slides_instead is not None:
-        return [f"slide along {_vector(v)}" for v in slides_instead]
+        return _ways(SLIDE, slides_instead)
     slide, turn = np.split(np.array(weak).T, 2)
     turns, without_turn = _span(turn)
     slides, _ = _span(slide @ without_turn)
-    return [f"turn about {_vector(v)}" for v in turns] + [
-        f"slide along {_vector(v)}" for v in slides
-    ]
+    return [*_ways(TURN, turns), *_ways(SLIDE, slides)]
+
+
+def _ways(words: tuple[str, str], axes: Sequence[FloatArray] | FloatArray) -> list[str]:
+    """Motions along or about some axes (k, 3), in words for each of them and for all three."""
+    each, anyhow = words
+    return [anyhow] if len(axes) == 3 else [f"{each} {_vector(v)}" for v in axes]
 
 
 def axes_that_stand(rotation: FloatArray, noise: float) -> FloatArray:

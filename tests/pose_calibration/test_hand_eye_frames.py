@@ -233,7 +233,7 @@ def test_a_hand_that_hardly_turned_is_refused_also_with_noise(noise: tuple[float
     (RA, pA), (RB, pB) = ((R[:5], p[:5]) for R, p in (pairs.hand, pairs.target))
     shake = [Rotation.from_rotvec(noise[1] * random.standard_normal((5, 3))) for _ in range(2)]
     slid = noise[0] * random.standard_normal((2, 5, 3))
-    with pytest.raises(SamplesError, match=r"do not determine X.*slide along"):
+    with pytest.raises(SamplesError, match=r"do not determine X: it may be anywhere"):
         calibrate_hand_eye(
             (RA @ shake[0].as_matrix(), pA + slid[0]), (RB @ shake[1].as_matrix(), pB + slid[1])
         )

@@ -63,7 +63,7 @@ def test_pure_translation_is_refused_in_every_direction(spread: PoseNoise, share
 
 def test_a_hand_that_did_not_move_is_refused() -> None:
     still = np.tile(np.eye(3), (10, 1, 1)), np.zeros((10, 3))
-    with pytest.raises(SamplesError, match=r"turn about.*slide along"):
+    with pytest.raises(SamplesError, match="turn about any axis and be anywhere"):
         calibrate_hand_eye(still, still)
 
 
