@@ -167,10 +167,8 @@ def write_foreign(result: Result, form: str, **options: Any) -> Exported:
             left_out["covariance"] = covariance_record(result.arm)
     notes = writer.notes
     if more:
-        notes = (
-            *notes,
-            f"Every further file has its name behind the first one's: {listed([*more])}.",
-        )
+        first, *others = result.cameras
+        notes = (*notes, f"The file is of camera {first}; beside it are files of {listed(others)}.")
     return Exported(result, form, content, more, writer.file, left_out, lost, notes, care)
 
 

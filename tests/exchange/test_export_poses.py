@@ -120,8 +120,12 @@ def test_every_camera_is_written(found: Result, tmp_path: Path) -> None:
             assert np.array_equal(read_camera(path).intrinsics, camera.intrinsics)
     names = [yaml.safe_load(path.read_text())["camera_name"] for path in tmp_path.glob("camera-i*")]
     assert sorted(names) == ["arm_right", "left"]
+    assert write_foreign(both, "camera-info").assessment.notes == (
+        "The file is of camera left; beside it are files of arm/right.",
+    )
+    # Of a k3 of zero that was estimated too, hardly anything is left.
     flat = {
-        name: replace(c, intrinsics=c.intrinsics * [*np.ones(8), 0])
+        name: replace(c, intrinsics=c.intrinsics * [*np.ones(8), 1e-10])
         for name, c in both.cameras.items()
     }
     chain = yaml.safe_load(write_foreign(replace(both, cameras=flat), "kalibr").content)
