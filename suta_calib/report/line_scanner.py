@@ -20,7 +20,7 @@ from suta_calib.report.poses import (
     pose_table,
     residuals_file,
 )
-from suta_calib.units import mm, text
+from suta_calib.units import mm, text, with_std
 
 NAME: Final = "hand_eye"
 CALIBRATION: Final = Listing[LineScannerCalibration](
@@ -89,8 +89,8 @@ def _of_radius(calibration: LineScannerCalibration) -> list[Part]:
     """The radius of a ball that was unknown."""
     if not calibration.radius_std or calibration.radius is None:
         return []
-    size = f"{text(calibration.radius, 'm')} ± {text(calibration.radius_std, 'm')}"
-    return [Text(f"radius of the ball: {size} mm")]
+    size = with_std(calibration.radius, calibration.radius_std, "m")
+    return [Text(f"radius of the ball: {size}")]
 
 
 def _target_record(calibration: LineScannerCalibration) -> Json:

@@ -18,7 +18,7 @@ from suta_calib.report.svg import picture, svg_text
 from suta_calib.solver.solution import Estimate
 from suta_calib.trust.extended_problem import LOOKS_LIKE
 from suta_calib.trust.score_tests import ScoreTest
-from suta_calib.units import key, shown, text, unit_name
+from suta_calib.units import key, shown, text, unit_name, with_std
 
 NAME: Final = "extend"
 TITLE: Final = "Errors other than geometry"
@@ -32,7 +32,7 @@ def _estimate_text(e: Estimate) -> str:
     """``0.1998 ± 0.0021 deg``, or why there is no such number."""
     if e.std is None:
         return e.state.replace("_", " ")
-    return f"{text(e.value, e.unit)} ± {text(e.std, e.unit)} {unit_name(e.unit)}"
+    return with_std(e.value, e.std, e.unit)
 
 
 def _looks_like(test: ScoreTest) -> str:

@@ -20,7 +20,7 @@ from suta_calib.report.svg import picture, svg_text
 from suta_calib.tracking.path_accuracy import UPDATE_RATES, MotionQuarter, PathAccuracy
 from suta_calib.tracking.record_faults import RecordFault
 from suta_calib.tracking.reversals import ChannelReversals
-from suta_calib.units import NOTHING, Unit, mm, ms, shown, text, unit_name
+from suta_calib.units import NOTHING, Unit, mm, ms, shown, unit_name, with_std
 
 # Of its picture too: what the command was called at first.
 NAME: Final = "dynamics"
@@ -86,7 +86,7 @@ def _hysteresis_text(reversals: Reversals) -> str:
     if math.isnan(hysteresis):
         return NOTHING
     unit = _joint_unit(reversals)
-    return f"{text(hysteresis, unit)} ± {text(std, unit, with_unit=True)}"
+    return with_std(hysteresis, std, unit)
 
 
 AXES: Final = Listing[Reversals](

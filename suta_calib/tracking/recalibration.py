@@ -37,7 +37,7 @@ from suta_calib.model.parameters import BACKLASH, HYSTERESIS, OFFSET
 from suta_calib.tracking.bounded_walk import BoundedWalk, Innovation
 from suta_calib.tracking.tracker import NO_TOOL, Tool
 from suta_calib.tracking.uncertainty import CalibrationUncertainty
-from suta_calib.units import deg, from_deg, mm
+from suta_calib.units import deg, from_deg, mm, with_std
 from suta_calib.words import listed
 
 # Standard deviations of its prior that a zero has drifted by before it is called too far: by
@@ -290,7 +290,7 @@ class Recalibration(Displayable):
             if abs(drift) > _TOO_FAR * self.spec.drift.zeros:
                 self._alarm(
                     joint,
-                    f"the zero of {joint} has drifted by {deg(drift):+.3f} ± {deg(std):.3f} deg, "
+                    f"the zero of {joint} has drifted by {with_std(drift, std, 'rad', sign=True)}, "
                     f"more than {_TOO_FAR:g} times what was assumed. {check}",
                 )
 
