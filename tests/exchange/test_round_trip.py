@@ -116,8 +116,8 @@ def test_a_camera_is_read_back_as_it_was_written(data: st.DataObject, scratch: P
     distortion = data.draw(st.lists(st.floats(-0.3, 0.3), min_size=n, max_size=n))
     intrinsics = [*np.multiply(focal, width), *np.multiply(middle, (width, height)), *distortion]
     camera = Camera(width, height, np.array(intrinsics), lens=lens)
-    result = Result(scratch, None, (), camera)
-    if form == "kalibr" and (lens is RATIONAL or any(distortion[4:])):
+    result = Result(scratch, None, (), {"default": camera})
+    if form == "kalibr" and (lens is RATIONAL or any(abs(k3) > 1e-5 for k3 in distortion[4:])):
         with pytest.raises(InputError, match="kalibr has no other"):
             write_foreign(result, form)
         return
@@ -125,4 +125,6 @@ def test_a_camera_is_read_back_as_it_was_written(data: st.DataObject, scratch: P
     again = read_camera(found.write(scratch.with_name(found.file))[0])
     assert (again.width, again.height) == (width, height)
     assert again.lens is lens
-    np.testing.assert_array_equal(again.intrinsics, camera.intrinsics)
+    # A camchain has no k3, and one of less than 1e-5 is none.
+    written = len(intrinsics) if form != "kalibr" else 8
+    np.testing.assert_array_equal(again.intrinsics[:written], camera.intrinsics[:written])

@@ -77,7 +77,7 @@ def check(
 def result_of(arm: ArmModel, values: Mapping[str, float], path: Path) -> Result:
     """A calibration with these values, of which nothing was estimated."""
     answer = CalibrationUncertainty(path, (), np.zeros((0, 0)), dict(values), "none", (), {})
-    return Result(path, CalibratedArm(arm, answer), (), None, {})
+    return Result(path, CalibratedArm(arm, answer), (), {}, {})
 
 
 def exported(result: Result, form: str, folder: Path, **options: object) -> Path:
