@@ -194,8 +194,12 @@ def _predicted(calibration: PictureCalibration) -> str:
         f"the way to least squares, and {stands} is placed where the pixels fit best",
         "exact-hand": "the poses of the hand are taken as exact (least squares)",
     }[model.name]
-    if model.camera_by_pixels:
-        how += ", and the intrinsics take up what is an error of the arm: use them with this X only"
+    if model.camera_share:
+        part = f"{100 * model.camera_share:.0f} % of the way to least squares"
+        how += (
+            f", and the intrinsics take up what is an error of the arm ({part}): use them with "
+            "this X only"
+        )
     return (
         f"reprojection rms {error.fitted:.3f} px in the fitted pictures, {error.left_out:.3f} px "
         f"in pictures left out in turn; {how}. In left-out pictures, least squares gives "
