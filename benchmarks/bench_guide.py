@@ -48,13 +48,14 @@ def shares(job: Path, seconds: float) -> tuple[dict[str, float], float]:
     command += ["--emulate", "--port", "0", "--no-open"]
     guide = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
     assert guide.stdout is not None
-    url = guide.stdout.readline().split()[1].replace("http", "ws")
+    opened = next(line for line in guide.stdout if line.startswith("Open "))
+    url = opened.split()[1].replace("http", "ws")
     threading.Thread(target=guide.stdout.read, daemon=True).start()
     told = {"talk": 0, "scene/": 0}
     measuring = threading.Event()
 
     def read(path: str, *protocols: str) -> None:
-        with connect(url + path, max_size=None, subprotocols=list(protocols)) as client:  # type: ignore[arg-type]
+        with connect(url + path, max_size=None, subprotocols=list(protocols) or None) as client:  # type: ignore[arg-type]
             for message in client:
                 told[path] += 1
                 if path == "talk" and '"resting": false' in str(message):

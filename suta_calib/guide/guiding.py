@@ -73,7 +73,7 @@ class Guide:
     Args:
         options: what is measured.
         say: shows the console a line.
-        opened: called with the page's address once it is there.
+        opened: called with the page's address once it is there, and so is the device.
 
     Raises:
         InputError: options or a job that cannot be used.
@@ -100,7 +100,8 @@ class Guide:
             measuring = replace(measuring, device=emulated_sensors(measuring))
         assert measuring.device is not None
         read_device(measuring.device)
-        self._emulate, self._say, self._opened = options.emulate, say, opened
+        self._emulate, self._say = options.emulate, say
+        self._opened: Callable[[str], None] | None = opened
         self._options = replace(measuring, attended=True, resume=True)
         if not self._options.labels and not self._options.free:
             self._options = replace(self._options, labels=next_label(self._options))
@@ -132,7 +133,6 @@ class Guide:
         with ExitStack() as stack:
             stack.enter_context(self._arm)
             self._worker = stack.enter_context(Worker(self._answered))
-            self._opened(self._arm.url)
             self._worker.ask("determined", self._options.job)
             first = True
             while True:
@@ -147,10 +147,17 @@ class Guide:
                         return
                     continue
                 first = False
+                self._open()
                 if measured is not None and measured.status == "interrupted":
                     raise KeyboardInterrupt
                 if not self._after(measured):
                     return
+
+    def _open(self) -> None:
+        """Say where the page is, once there is something to see."""
+        opened, self._opened = self._opened, None
+        if opened is not None:
+            opened(self._arm.url)
 
     # ── measuring ───────────────────────────────────────────────────────────────────────────
     def _measure(self) -> Measured:
@@ -239,6 +246,7 @@ class Guide:
             return
         self._drawn = now
         if live.angles is not None:
+            self._open()
             self._arm.move(live.angles)
         share = min(live.recorded / self._seconds, 1.0) if live.resting else 0.0
         shown_live = {

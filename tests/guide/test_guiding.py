@@ -104,7 +104,10 @@ def test_from_a_placement_to_the_verdict(guide: Guide, monkeypatch: pytest.Monke
     )
     monkeypatch.setattr(Answering, "presses", (("next", "finish"), ("calibrated", "end")))
     monkeypatch.setattr(guiding, "measure", session("next open", "taken next", "taken taken"))
+    opened = list[str]()
+    guide._opened = opened.append
     guide.run()
+    assert opened == [guide._arm.url]
     shown = guide.page.shown
     assert shown("label") == "P1"
     assert [row[1] for row in shown("stations")] == ["taken", "taken"]
@@ -226,8 +229,10 @@ def test_ctrl_c_and_a_device_that_was_never_there_end_it(
 
 
 def test_no_device_no_page(options: GuideOptions) -> None:
+    opened = list[str]()
     with pytest.raises(DeviceError, match="no-such-port"):
-        Guide(options, lambda _: None).run()
+        Guide(options, lambda _: None, opened.append).run()
+    assert not opened
 
 
 def test_rests_anywhere(options: GuideOptions, monkeypatch: pytest.MonkeyPatch) -> None:

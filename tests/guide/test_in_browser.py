@@ -43,9 +43,8 @@ def guide(job: Path, device: Path, *more: str) -> Iterator[tuple[str, subprocess
     process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
     try:
         assert process.stdout is not None
-        line = process.stdout.readline()
-        assert line.startswith("Open http://127.0.0.1:"), line
-        yield line.split()[1], process
+        url = next(line.split()[1] for line in process.stdout if line.startswith("Open http:"))
+        yield url, process
     finally:
         process.terminate()
         process.communicate(timeout=LONGEST)
