@@ -185,45 +185,42 @@ def rig_from_pictures(
             check_files(replace(one, pixels=one.pixels[np.isfinite(one.pixels).any(axis=(1, 2))]))
     pictures, in_first = _linked(pictures, [view.label for view in views])
     state, usable = _start(pictures, in_first, cameras)
-    problem = RigProblem(
+    every = RigProblem(
         pictures[0].points,
         np.stack([one.pixels[usable] for one in pictures]),
         [camera.lens for camera in cameras],
         state,
-        [_information(view) if intrinsics == "free" else None for view in views],
+        [_information(view) for view in views],
         robust,
     )
-    lost = np.zeros(problem.there.shape[:2], dtype=np.bool_)
-    state = problem.solved()
-    while (worst := _astray(problem, state)) is not None and robust:
-        lost[worst] = True
-        # Priors are about where it starts.
-        start = replace(state, intrinsics=_first(cameras))
-        problem = replace(problem.without(lost), start=start)
-        state = problem.solved()
+    if intrinsics == "fixed":
+        problem, state, lost = _agreeing(replace(every, priors=[None] * len(views)))
+    else:
+        problem, state, lost = _agreeing(every)
     errors = problem.errors(state)
     if errors is None:
         raise SamplesError("pictures that agree with no poses of the cameras", "one rig of cameras")
     covariance = problem.covariance(state)
     T = np.array([homogeneous(R.T, -R.T @ t) for R, t in zip(state.turn, state.shift, strict=True)])
     images = np.array(names)[usable]
-    shown = None if intrinsics == "free" else rig_from_pictures(views, robust=robust)
+    estimated = shown = _found(problem, state, cameras, covariance)
+    if intrinsics == "fixed":
+        freed, at, _ = _agreeing(replace(every, start=state))
+        shown = _found(freed, at, cameras, freed.covariance(at))
     return RigCalibration(
         tuple(
             RigCamera(
                 view.label,
                 camera,
                 _given(view),
-                camera if shown is None else shown.cameras[k].camera,
+                shown[k],
                 T[k],
                 int(problem.there[k].any(axis=1).sum()),
                 rms_length(errors[k][problem.there[k]]),
                 _alone(BoardPictures(board, camera, problem.pixels[k])),
                 tuple(images[lost[k]].tolist()),
             )
-            for k, (view, camera) in enumerate(
-                zip(views, _found(problem, state, cameras, covariance), strict=True)
-            )
+            for k, (view, camera) in enumerate(zip(views, estimated, strict=True))
         ),
         _of_poses(problem, state, covariance),
         board.length_scale.std,
@@ -389,6 +386,18 @@ def _by_picture(errors: FloatArray, there: BoolArray) -> FloatArray:
     count = there.sum(axis=-1)
     squares = np.sum(errors**2, axis=(-1, -2))
     return np.asarray(np.sqrt(squares / np.where(count > 0, count, np.nan)))
+
+
+def _agreeing(problem: RigProblem) -> tuple[RigProblem, RigState, BoolArray]:
+    """The state by pictures that agree, and which (c, n) do not."""
+    lost = np.zeros(problem.there.shape[:2], dtype=np.bool_)
+    first, state = problem.start.intrinsics, problem.solved()
+    while problem.robust and (worst := _astray(problem, state)) is not None:
+        lost[worst] = True
+        # Priors are about where it starts.
+        problem = replace(problem.without(lost), start=replace(state, intrinsics=first))
+        state = problem.solved()
+    return problem, state, lost
 
 
 def _astray(problem: RigProblem, state: RigState) -> tuple[int, int] | None:

@@ -1,9 +1,8 @@
 """The bundle adjustment of cameras on one body that see a board at the same instants.
 
 Camera c sees the point k of the board at instant i at ``π_c(T_c T_i p_k)``: ``T_c`` is the pose of
-the first camera in camera c, ``T_i`` the board's in the first camera. All reprojection errors are
-minimised together by Levenberg and Marquardt; the poses of the board, of which each instant has its
-own, are eliminated from every step (Schur).
+the first camera in camera c, ``T_i`` the board's in the first camera, of which each instant has its
+own (`bundle`).
 """
 
 from __future__ import annotations
@@ -18,6 +17,7 @@ from suta_calib.arrays import BoolArray, FloatArray
 from suta_calib.geometry.lens import Lens
 from suta_calib.geometry.lens_slopes import pixel_slopes
 from suta_calib.geometry.numbers import rotation_from_vector, skew
+from suta_calib.terms.bundle import Bundle, PictureEquations, corner_weights
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,26 +38,7 @@ class RigState:
 
 
 @dataclass(frozen=True, eq=False)
-class NormalEquations:
-    """Of all unknowns, with those of the instants eliminated.
-
-    Attributes:
-        cost: weighted sum of squares.
-        curvature: (g, g) of the unknowns that all instants share.
-        slope: (g,) of these.
-        of_instant: (n, g, g) and (n, g): what each instant has added to either.
-        back: (n, 6) and (n, 6, g): step of the board's pose, and by that of the shared unknowns.
-    """
-
-    cost: float
-    curvature: FloatArray
-    slope: FloatArray
-    of_instant: tuple[FloatArray, FloatArray]
-    back: tuple[FloatArray, FloatArray]
-
-
-@dataclass(frozen=True, eq=False)
-class RigProblem:
+class RigProblem(Bundle[RigState]):
     """What was seen.
 
     Attributes:
@@ -121,31 +102,21 @@ class RigProblem:
 
     def weights(self, errors: FloatArray) -> FloatArray:
         """(c, n, k) of the corners, 1/px², by their own scatter in each camera."""
-        # Distance of a corner, in their scatter, from where on it pulls no harder; the scatter of
-        # normal ones in their middle distance; and the least one, px, which is rounding.
-        far, middle, finest = 3.0, 1.1774, 1e-3
-        length = np.linalg.norm(errors, axis=-1)
-        weight = np.zeros(length.shape)
-        for camera, visible in enumerate(self.there):
-            sigma = max(float(np.median(length[camera][visible])) / middle, finest)
-            pull = np.minimum(1.0, far * sigma / np.maximum(length[camera], finest * sigma))
-            weight[camera] = np.where(visible, pull if self.robust else 1.0, 0.0) / sigma**2
-        return weight
+        cameras = zip(errors, self.there, strict=True)
+        return np.stack([corner_weights(off, seen, robust=self.robust) for off, seen in cameras])
 
-    def cost(self, at: RigState, errors: FloatArray, weight: FloatArray) -> float:
-        """Weighted sum of squares, with that of the priors."""
-        total = float(np.sum(weight[..., None] * errors**2))
-        for prior, values, first in zip(
-            self.priors, at.intrinsics, self.start.intrinsics, strict=True
+    def away(self, at: RigState) -> tuple[FloatArray, FloatArray]:
+        """Information on the intrinsics, and how far they are from what it says."""
+        information, away = np.zeros((self.shared, self.shared)), np.zeros(self.shared)
+        for prior, columns, values, first in zip(
+            self.priors, self.columns[0], at.intrinsics, self.start.intrinsics, strict=True
         ):
             if prior is not None:
-                total += float((values - first) @ prior @ (values - first))
-        return total
+                information[columns, columns], away[columns] = prior, values - first
+        return information, away
 
-    def normal(
-        self, at: RigState, errors: FloatArray, weight: FloatArray, damping: float = 0.0
-    ) -> NormalEquations:
-        """The equations of a step from here; ``damping`` of Marquardt."""
+    def equations(self, at: RigState, errors: FloatArray, weight: FloatArray) -> PictureEquations:
+        """The equations of a step from here."""
         of_intrinsics, of_poses = self.columns
         count, instants = self.shared, len(at.position)
         AA, a = np.zeros((instants, count, count)), np.zeros((instants, count))
@@ -181,20 +152,7 @@ class RigProblem:
                 AB[instants_seen, one] += np.swapaxes(J, 1, 2) @ by_board
                 for other, K in rows:
                     AA[instants_seen, one, other] += np.swapaxes(J, 1, 2) @ K
-        damped = BB + damping * np.einsum("nii->ni", BB)[..., None] * np.eye(6)
-        solved = np.linalg.pinv(damped, hermitian=True)
-        AA += damping * np.einsum("nii->ni", AA)[..., None] * np.eye(count)
-        AA -= np.einsum("nij,njk,nlk->nil", AB, solved, AB)
-        a -= np.einsum("nij,njk,nk->ni", AB, solved, b)
-        curvature, slope = AA.sum(axis=0), a.sum(axis=0)
-        for prior, at_, values, first in zip(
-            self.priors, of_intrinsics, at.intrinsics, self.start.intrinsics, strict=True
-        ):
-            if prior is not None:
-                curvature[at_, at_] += prior
-                slope[at_] += prior @ (values - first)
-        back = -np.einsum("nij,nj->ni", solved, b), -np.einsum("nij,nlj->nil", solved, AB)
-        return NormalEquations(self.cost(at, errors, weight), curvature, slope, (AA, a), back)
+        return PictureEquations(AA, AB, BB, a, b, *self.away(at))
 
     def moved(self, at: RigState, shared: FloatArray, boards: FloatArray) -> RigState:
         """After a step of the shared unknowns (g,) and of the boards' poses (n, 6)."""
@@ -217,35 +175,7 @@ class RigProblem:
 
     def solved(self) -> RigState:
         """The state of least reprojection error."""
-        # Damping from where on no step helps; the relative gain from where on it ends.
-        stuck, settled = 1e8, 1e-9
-        state, damping = self.start, 1e-3
-        errors = self.errors(state)
-        if errors is None:
-            return state
-        for _ in range(60):
-            weight = self.weights(errors)
-            before = self.cost(state, errors, weight)
-            while damping < stuck:
-                equations = self.normal(state, errors, weight, damping)
-                step = np.asarray(
-                    np.linalg.lstsq(equations.curvature, -equations.slope, rcond=None)[0],
-                    dtype=float,
-                )
-                boards = equations.back[0] + equations.back[1] @ step
-                trial = self.moved(state, step, boards)
-                trial_errors = self.errors(trial)
-                if trial_errors is not None:
-                    after = self.cost(trial, trial_errors, weight)
-                    if after < before:
-                        break
-                damping *= 10.0
-            else:
-                return state
-            state, errors, damping = trial, trial_errors, damping / 10.0
-            if before - after <= settled * before:
-                break
-        return state
+        return self.minimised(self.start, settled=1e-9)
 
     def without(self, pictures: BoolArray) -> RigProblem:
         """The same without pictures (c, n)."""
@@ -262,8 +192,8 @@ class RigProblem:
         errors = self.errors(at)
         assert errors is not None
         weight = self.weights(errors)
-        equations = self.normal(at, errors, weight)
-        curvature, (by_instant, slopes) = equations.curvature, equations.of_instant
+        equations = self.equations(at, errors, weight).eliminated()
+        curvature, (by_instant, slopes) = equations.curvature, equations.of_picture
         instants = len(at.position)
         if instants < enough:
             free = 2 * int(self.there.sum()) - self.shared - 6 * instants
@@ -276,10 +206,7 @@ class RigProblem:
             ]
         )
         # What the files say of the cameras is independent of all instants.
-        prior_information = np.zeros_like(curvature)
-        for prior, columns in zip(self.priors, self.columns[0], strict=True):
-            if prior is not None:
-                prior_information[columns, columns] = prior
+        prior_information, _ = self.away(at)
         inverse = np.linalg.pinv(curvature, hermitian=True)
         scatter_of_changes = (instants - 1) / instants * changes.T @ changes
         return np.asarray(scatter_of_changes + inverse @ prior_information @ inverse)

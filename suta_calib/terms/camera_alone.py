@@ -2,8 +2,8 @@
 
 From a start such as the closed form, which knows of no distortion, the reprojection errors of all
 pictures are minimised, each with a pose of the board of its own (Zhang 2000,
-doi:10.1109/34.888718, 3.2 and 3.3), by Levenberg and Marquardt. A lens that bends much leaves poses
-that no hand agrees with.
+doi:10.1109/34.888718, 3.2 and 3.3; `bundle`). A lens that bends much leaves poses that no hand
+agrees with.
 """
 
 from __future__ import annotations
@@ -17,6 +17,7 @@ from suta_calib.geometry.lens import Lens
 from suta_calib.geometry.lens_slopes import pixel_slopes
 from suta_calib.geometry.numbers import rotation_from_vector, skew
 from suta_calib.measurements import Board, Camera, Corners
+from suta_calib.terms.bundle import Bundle, PictureEquations, corner_weights
 from suta_calib.terms.camera_start import poses_in_camera
 
 
@@ -101,6 +102,48 @@ def seen_by(
     return pictures, State(camera.intrinsics, rotation[located], position[located]), located
 
 
+@dataclass(frozen=True, eq=False)
+class _OneCamera(Bundle[State]):
+    """A camera, and the board at each picture.
+
+    Attributes:
+        pictures: what was seen.
+        first: (c,) intrinsics about which the prior is.
+        prior: (c,) standard deviations.
+        robust: whether corners that are far off pull no harder than others.
+    """
+
+    pictures: PicturesSeen
+    first: FloatArray
+    prior: FloatArray
+    robust: bool
+
+    def errors(self, at: State) -> FloatArray | None:
+        return self.pictures.errors(at)
+
+    def weights(self, errors: FloatArray) -> FloatArray:
+        return corner_weights(errors, self.pictures.there, robust=self.robust)
+
+    def away(self, at: State) -> tuple[FloatArray, FloatArray]:
+        return np.diag(self.prior**-2.0), at.intrinsics - self.first
+
+    def equations(self, at: State, errors: FloatArray, weight: FloatArray) -> PictureEquations:
+        A, B = (J.reshape(len(J), -1, J.shape[-1]) for J in self.pictures.slopes(at))
+        w, r = np.repeat(weight, 2, axis=1), errors.reshape(len(A), -1)
+        WA, WB = w[..., None] * A, w[..., None] * B
+        return PictureEquations(
+            np.swapaxes(A, 1, 2) @ WA,
+            np.swapaxes(WA, 1, 2) @ B,
+            np.swapaxes(B, 1, 2) @ WB,
+            np.einsum("nri,nr->ni", WA, r),
+            np.einsum("nri,nr->ni", WB, r),
+            *self.away(at),
+        )
+
+    def moved(self, at: State, shared: FloatArray, poses: FloatArray) -> State:
+        return at.moved(shared, poses)
+
+
 def refined(
     pictures: PicturesSeen,
     state: State,
@@ -114,53 +157,4 @@ def refined(
     ``robust`` lets corners that are far off pull no harder than others; ``settled`` is the relative
     gain from where on it ends.
     """
-    # Damping from where on no step helps.
-    stuck = 1e8
-    # Distance of a corner, in their scatter, from where on it pulls no harder; the scatter of
-    # normal ones in their middle distance; and the least one, px, which is rounding.
-    far = 3.0
-    middle = 1.177
-    finest = 1e-3
-    first, damping = state.intrinsics, 1e-3
-    errors = pictures.errors(state)
-    if errors is None:
-        return state
-    steps = 60
-    for _ in range(steps):
-        length = np.linalg.norm(errors, axis=2)
-        sigma = max(float(np.median(length[pictures.there])) / middle, finest)
-        weight = np.full(length.shape, 1.0 / sigma**2)
-        if robust:
-            weight *= np.minimum(1.0, far * sigma / np.maximum(length, finest * sigma))
-        A, B = (J.reshape(len(J), -1, J.shape[-1]) for J in pictures.slopes(state))
-        w = np.repeat(weight, 2, axis=1)
-        WA, WB, r = w[..., None] * A, w[..., None] * B, errors.reshape(len(A), -1)
-        away = state.intrinsics - first
-        before = float(np.sum(w * r * r)) + float(np.sum((away / prior) ** 2))
-        AA = np.einsum("nri,nrj->ij", A, WA) + np.diag(prior**-2.0)
-        a = np.einsum("nri,nr->i", WA, r) + away / prior**2
-        AB, BB = np.swapaxes(WA, 1, 2) @ B, np.swapaxes(B, 1, 2) @ WB
-        b = np.einsum("nri,nr->ni", WB, r)
-        while damping < stuck:
-            damped = BB + damping * np.einsum("nii->ni", BB)[..., None] * np.eye(6)
-            solved = np.linalg.pinv(damped, hermitian=True)
-            curvature = AA + damping * np.diag(np.diag(AA))
-            curvature -= np.einsum("nij,njk,nlk->il", AB, solved, AB)
-            slope = a - np.einsum("nij,njk,nk->i", AB, solved, b)
-            camera = -np.linalg.lstsq(curvature, slope, rcond=None)[0]
-            poses = -np.einsum("nij,nj->ni", solved, b + np.einsum("nij,i->nj", AB, camera))
-            trial = state.moved(camera, poses)
-            trial_errors = pictures.errors(trial)
-            if trial_errors is not None:
-                away = trial.intrinsics - first
-                after = float(np.sum(weight[..., None] * trial_errors**2))
-                after += float(np.sum((away / prior) ** 2))
-                if after < before:
-                    break
-            damping *= 10.0
-        else:
-            return state
-        state, errors, damping = trial, trial_errors, damping / 10.0
-        if before - after <= settled * before:
-            break
-    return state
+    return _OneCamera(pictures, state.intrinsics, prior, robust).minimised(state, settled)
