@@ -11,13 +11,7 @@ import difflib
 import re
 from collections.abc import Iterable
 from pathlib import Path
-from typing import Final, Self
-
-# Longer words (a number of thousands of digits, a line without blanks) are cut in messages; no path
-# that a message names is longer, nor a list of names than so many characters.
-_LONGEST_WORD: Final = 300
-_SHOWN_OF_WORD: Final = 40
-_LONGEST_PART: Final = 1500
+from typing import Self
 
 
 class SutaCalibWarning(UserWarning):
@@ -180,11 +174,14 @@ class OutputError(SutaCalibError):
 
 def shortened(text: str) -> str:
     """A text for a message, without most of what is too long to be looked at."""
-    if len(text) <= _LONGEST_WORD:
+    # Longer words (a number of thousands of digits, a line without blanks) are cut to so many
+    # characters; no path that a message names is longer, nor a list of names than the whole.
+    longest_word, shown_of_word, longest_part = 300, 40, 1500
+    if len(text) <= longest_word:
         return text
-    long = rf"\S{{{_SHOWN_OF_WORD}}}\S{{{_LONGEST_WORD - _SHOWN_OF_WORD},}}"
-    text = re.sub(long, lambda word: f"{word[0][:_SHOWN_OF_WORD]}…", text)
-    return text if len(text) <= _LONGEST_PART else f"{text[:_LONGEST_PART]}…"
+    long = rf"\S{{{shown_of_word}}}\S{{{longest_word - shown_of_word},}}"
+    text = re.sub(long, lambda word: f"{word[0][:shown_of_word]}…", text)
+    return text if len(text) <= longest_part else f"{text[:longest_part]}…"
 
 
 def did_you_mean(word: str, candidates: Iterable[str]) -> str:

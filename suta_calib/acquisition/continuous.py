@@ -30,12 +30,8 @@ from suta_calib.units import deg, mm
 
 # Column of the s since the first reading.
 TIME: Final = "time"
-# Strokes that tell how much a stroke errs: of fewer, a variance is known to a third at best.
-ENOUGH_STROKES: Final = 20
 # How often a line is said where no screen shows it, s.
 _SAID: Final = 10.0
-# Lines about single lift-offs.
-_LINES: Final = 10
 
 
 @dataclass(frozen=True)
@@ -283,9 +279,11 @@ class Continuous:
             f"{mm(off.distance):.2g} mm off; rows of this time are left out"
             for off in found.lift_offs
         ]
-        if len(lines) > _LINES:
-            rest = sum(off.end - off.begin for off in found.lift_offs[_LINES:])
-            lines[_LINES:] = [f"{len(lines) - _LINES} more lift-offs, {rest:.1f} s in all"]
+        # Lines about single lift-offs.
+        most_lines = 10
+        if len(lines) > most_lines:
+            rest = sum(off.end - off.begin for off in found.lift_offs[most_lines:])
+            lines[most_lines:] = [f"{len(lines) - most_lines} more lift-offs, {rest:.1f} s in all"]
         for k, slip in enumerate(found.slips):
             place = " ".join(self._plan.stations[0].labels[column] for column in self._plan.place)
             lines.append(
@@ -302,10 +300,13 @@ class Continuous:
             )
         if self._moments.repeated:
             sentences.append(f"{self._moments.repeated} readings came twice")
-        if self._surface is not None and strokes < ENOUGH_STROKES:
+        # Strokes that tell how much a stroke errs: of fewer, a variance is known to a third at
+        # best.
+        enough_strokes = 20
+        if self._surface is not None and strokes < enough_strokes:
             sentences.append(
                 f"only {strokes} strokes: the ± of a calibration are rough. Reverse the motion "
-                f"more often, {ENOUGH_STROKES} times or more"
+                f"more often, {enough_strokes} times or more"
             )
         return sentences
 

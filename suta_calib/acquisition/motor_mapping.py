@@ -32,9 +32,6 @@ from suta_calib.terms import Term
 from suta_calib.units import deg, from_deg, mm
 from suta_calib.words import enumerated, listed
 
-# Of 8 joints, with exchanged pairs alone, there are 7,424 hypotheses; of more, too many.
-_MOST_JOINTS: Final = 8
-
 DEFAULT: Final = MotorMapOptions()
 Status = Literal["found", "ambiguous", "no_fit"]
 
@@ -261,8 +258,10 @@ def _check_arm(arm: ArmModel, options: MotorMapOptions) -> None:
     path = arm.chain.path
     if sliding := [joint.name for joint in arm.readings if joint.type == "prismatic"]:
         raise InputError(f"{listed(sliding)}, which slides", "joints that turn", file=path)
-    if len(arm.joints) > _MOST_JOINTS:
-        expected = f"at most {_MOST_JOINTS}: of more there are too many orders"
+    # Of 8 joints, with exchanged pairs alone, there are 7,424 hypotheses; of more, too many.
+    most_joints = 8
+    if len(arm.joints) > most_joints:
+        expected = f"at most {most_joints}: of more there are too many orders"
         raise InputError(f"{len(arm.joints)} joints", expected, file=path)
     for name in options.signs:
         if name not in arm.joints:

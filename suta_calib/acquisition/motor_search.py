@@ -28,8 +28,6 @@ from suta_calib.units import from_deg
 
 # How far the tip of an uncalibrated arm with play is from a cross, m: less is never assumed.
 _ASSUMED: Final = 5e-3
-# How far beyond the limits of the URDF a joint may seem to stand: printed stops are not exact.
-_BEYOND_LIMITS: Final = from_deg(15.0)
 # What is known of an offset where there are no limits, rad: as good as nothing.
 OFFSET_STD: Final = 1.0
 # Hypotheses that are fitted at once: enough for NumPy, and few enough for the memory.
@@ -161,8 +159,11 @@ class OrderSearch:
         self._function = arm.function([f"{joint}.offset" for joint in arm.joints])
         self._places = int(touches.place.max()) + 1
         self._hand = _last_axis_in_tip(arm)
-        self._lower = np.array([joint.lower for joint in arm.readings]) - _BEYOND_LIMITS
-        self._upper = np.array([joint.upper for joint in arm.readings]) + _BEYOND_LIMITS
+        # How far beyond the limits of the URDF a joint may seem to stand: printed stops are not
+        # exact.
+        beyond_limits = from_deg(15.0)
+        self._lower = np.array([joint.lower for joint in arm.readings]) - beyond_limits
+        self._upper = np.array([joint.upper for joint in arm.readings]) + beyond_limits
         free = 6 * (self._places - len(touches.given))
         self.redundancy = max(touches.readings.size // len(arm.joints) * 3 - free - 2, 1)
 

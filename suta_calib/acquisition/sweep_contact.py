@@ -36,8 +36,6 @@ from suta_calib.terms.term import Term
 
 # Residuals are in mm here.
 _MM: Final = 1e-3
-# Rows that are fitted at least.
-FEWEST: Final = 40
 # Standard deviations of a component: beyond the first the tip is off, and it is off until it is
 # within the second. No hand lifts a tip by less than some tenths of a mm; a fit of many unknowns to
 # few strokes seems to be off by them.
@@ -48,8 +46,6 @@ LEAST_LIFT: Final = 0.5
 # one.
 _MARGIN: Final = 0.06
 _JOINED: Final = 0.3
-# Rows before and after a slip.
-_SIDE: Final = 8
 # Moments that are tried for each slip.
 _TRIED: Final = 80
 
@@ -154,9 +150,11 @@ def contact(
     Raises:
         SamplesError: too few postures to tell, or a tip that did not stay on any place.
     """
-    if len(rows) < FEWEST:
+    # Rows that are fitted at least.
+    fewest = 40
+    if len(rows) < fewest:
         raise SamplesError(
-            f"{len(rows)} postures", f"{FEWEST}, to tell a lift-off from an error of the arm"
+            f"{len(rows)} postures", f"{fewest}, to tell a lift-off from an error of the arm"
         )
     # So many rows are fitted at most, evenly spaced.
     thinned = np.unique(np.linspace(0, len(rows) - 1, min(1200, len(rows))).astype(np.intp))
@@ -356,10 +354,12 @@ def _slipped(
     def gain(start: int) -> float:
         return _gain(fit, (row >= start) & (place == place[start]))
 
-    tries = np.unique(np.linspace(_SIDE, len(q) - _SIDE, _TRIED).astype(np.intp))
+    # Rows before and after a slip.
+    side = 8
+    tries = np.unique(np.linspace(side, len(q) - side, _TRIED).astype(np.intp))
     gains = [gain(int(start)) for start in tries]
     coarse, step = int(tries[int(np.argmax(gains))]), int(np.diff(tries).max(initial=1))
-    near = range(max(_SIDE, coarse - step), min(len(q) - _SIDE, coarse + step) + 1)
+    near = range(max(side, coarse - step), min(len(q) - side, coarse + step) + 1)
     start = max(near, key=gain)
     if gain(start) <= 0.0:
         return None, fit
@@ -367,7 +367,7 @@ def _slipped(
     for _ in range(2):
         new = _numbers(sorted([*starts, start]), len(q))
         number = int(new[start]) - 1
-        if min(np.sum(new == number), np.sum(new == number + 1)) < _SIDE:
+        if min(np.sum(new == number), np.sum(new == number + 1)) < side:
             return None, fit
         refit = _fitted(surface, q, new, strokes, fit)
         before, start = start, _boundary(refit, number, new)

@@ -20,7 +20,6 @@ from suta_calib.units import deg, mm
 
 # Levels of the map, mm.
 LEVELS: Final = (0.02, 0.05, 0.1, 0.2, 0.3, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0)
-_MARGIN: Final = 40.0
 _TITLES: Final = {"side": "from the side", "top": "from above"}
 
 
@@ -90,8 +89,9 @@ def _arm_and_region(axes: Axes, section: Slice, tip_map: TipMap) -> None:
     rows, columns = np.nonzero(np.isfinite(section.registered))
     across = np.concatenate([mm(section.u[columns]), arm[:, 0]])
     upward = np.concatenate([mm(section.v[rows]), arm[:, 1]])
-    axes.set_xlim(across.min() - _MARGIN, across.max() + _MARGIN)
-    axes.set_ylim(upward.min() - _MARGIN, upward.max() + _MARGIN)
+    margin = 40.0
+    axes.set_xlim(across.min() - margin, across.max() + margin)
+    axes.set_ylim(upward.min() - margin, upward.max() + margin)
     axes.set_aspect("equal")
     axes.grid()
     if section.name == "top":

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Final
 
 import numpy as np
 from scipy.interpolate import CubicSpline
@@ -25,9 +24,6 @@ from suta_calib.model.arm import ArmModel
 from suta_calib.simulation import InverseKinematics, Targets
 from suta_calib.simulation.noise import full_circle, stream
 from suta_calib.units import from_deg
-
-# Knots of the motion, 1/s: a cubic between two of them keeps the tip within a micrometre.
-_KNOTS: Final = 50.0
 
 
 @dataclass(frozen=True)
@@ -82,7 +78,9 @@ def swept_by_hand(
     """
     matching, kinematics = matching_of(arm), InverseKinematics(arm, values)
     rng = stream(seed, "by hand")
-    time = np.linspace(0.0, how.duration, max(2, round(_KNOTS * how.duration)) + 1)
+    # Knots of the motion, 1/s: a cubic between two of them keeps the tip within a micrometre.
+    knots_per_s = 50.0
+    time = np.linspace(0.0, how.duration, max(2, round(knots_per_s * how.duration)) + 1)
     swings = _swings(rng, time, how)
     tilts = rotation_from_vector(how.cone * np.sqrt([0.5, 0.5, 1.0]) * swings[:, :3])
     frame = np.eye(3) if upright is None else np.asarray(upright, dtype=float)
@@ -126,7 +124,7 @@ def swept_by_hand(
         q = continuous(answer.q, full_circle(arm))
         # No hand turns a joint faster, rad/s (m/s): the arm has come to the other branch of its
         # postures.
-        jumps = np.abs(np.diff(q, axis=0, prepend=q[:1])).max(axis=1) > 6.0 / _KNOTS
+        jumps = np.abs(np.diff(q, axis=0, prepend=q[:1])).max(axis=1) > 6.0 / knots_per_s
         if (wrong := np.flatnonzero(~answer.reached | jumps)).size:
             raise JobError(
                 f"a sweep that the arm cannot follow at {time[wrong[0]]:.1f} s",

@@ -4,16 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from suta_calib.arrays import BoolArray, FloatArray, IntArray
 from suta_calib.errors import ForeignFileError
-
-# s between rows of a recording of motion; what is slower is in another unit, or no recording.
-_SLOWEST: Final = 1.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,10 +65,13 @@ class Clock:
             raise ForeignFileError("one time in all rows", "times that increase", file=path)
         time = stamps[rows]
         step = float(np.median(np.diff(time)))
-        if step > _SLOWEST:
+        # s between rows of a recording of motion; what is slower is in another unit, or no
+        # recording.
+        slowest = 1.0
+        if step > slowest:
             raise ForeignFileError(
                 f"rows {step:.6g} s apart",
-                f"a recording with at least one row every {_SLOWEST:g} s",
+                f"a recording with at least one row every {slowest:g} s",
                 file=path,
                 where="column 'time'",
                 hint="if the times are in ms, µs or ns, say so with --columns 'time=time [ms]'",

@@ -35,8 +35,6 @@ _MIDDLE: Final = 1
 # Rows that both recordings must cover, and their share of the shorter recording.
 _LEAST_ROWS: Final = 60
 _LEAST_SHARE: Final = 0.2
-# s; over more, the steps of the search are longer than the motions that it compares.
-_LONGEST: Final = 5.0 * 3600.0
 # Below this correlation of the angles, two recordings show different motions.
 _SAME_MOTION: Final = 0.7
 # Above it they show the same one; between the two a shift that is badly known may be a chance.
@@ -45,8 +43,6 @@ _SURE: Final = 0.9
 _BLOCKS: Final = 24
 # Residuals of more standard deviations pull no harder (Huber).
 _HUBER: Final = 2.5
-# Standard deviation of the shift, s, beyond which the motion does not tell it.
-_WORST: Final = 0.05
 _EPSILON: Final = 1e-12
 
 
@@ -213,13 +209,15 @@ def align_clocks(first: Recorded, second: Recorded) -> ClockAlignment:
         scale=scale if coarser else 1.0 / scale,
         travel=travel,
     )
-    if not alignment.worst_std < _WORST:
+    # Standard deviation of the shift, s, beyond which the motion does not tell it.
+    worst = 0.05
+    if not alignment.worst_std < worst:
         _refuse_backwards(first, second)
         if best.agreement < _SURE:
             raise search.other_motion(best.agreement)
         raise ForeignFileError(
             f"a motion that tells the shift to ± {ms(alignment.worst_std):.3g} ms only",
-            f"± {ms(_WORST):.3g} ms",
+            f"± {ms(worst):.3g} ms",
             file=second.path,
             hint="turn faster, and let the motion start and stop often",
         )
@@ -246,9 +244,11 @@ def _check_motion(recorded: Recorded) -> None:
     if len(time) < _LEAST_ROWS:
         problem = f"{len(time)} rows"
         raise ForeignFileError(problem, f"at least {_LEAST_ROWS}", file=recorded.path)
-    if np.ptp(time) > _LONGEST:
+    # s; over more, the steps of the search are longer than the motions that it compares.
+    longest = 5.0 * 3600.0
+    if np.ptp(time) > longest:
         found = f"a recording of {np.ptp(time) / 3600.0:.3g} h from its first to its last row"
-        expected = f"at most {_LONGEST / 3600.0:g} h"
+        expected = f"at most {longest / 3600.0:g} h"
         hint = "cut it: minutes with many starts and stops tell more than hours"
         raise ForeignFileError(found, expected, file=recorded.path, hint=hint)
     pairs = _pairs(time, recorded.clock.step)[_MIDDLE]

@@ -46,8 +46,6 @@ _UNITS: Final = ((1.0, "g"), (STANDARD_GRAVITY, "m/s²"), (1000.0, "mg or cm/s²
 _NEAR: Final = 0.1
 # Zero errors and scales of cheap sensors change what is felt at rest by less than this share.
 _AT_REST: Final = 0.08
-# What a window may change and scatter by in a rest, rad or parts of gravity, whatever its noise.
-_QUIET: Final = from_deg(0.15)
 _FEWEST: Final = 5
 
 
@@ -239,6 +237,9 @@ class GravityLog:
         # Half a window of 0.4 s.
         half = max(4, round(0.2 / self.clock.step))
         rests = list[Rest]()
+        # What a window may change and scatter by in a rest, rad or parts of gravity, whatever its
+        # noise.
+        quiet = from_deg(0.15)
         if len(felt) > 2 * half:
             mean, square = _means(felt, half), _means(felt**2, half)
             change = np.linalg.norm(mean[half:] - mean[:-half], axis=1)
@@ -246,8 +247,8 @@ class GravityLog:
             variance = 0.5 * (square[half:] + square[:-half]) - middle**2
             scatter = np.sqrt(np.maximum(variance.mean(axis=1), 0.0))
             # Five standard deviations of a difference, and twice the scatter, of noise alone.
-            still = change < max(_QUIET, 5.0 * noise * np.sqrt(2.0 / half))
-            still &= scatter < max(_QUIET, 2.0 * noise)
+            still = change < max(quiet, 5.0 * noise * np.sqrt(2.0 / half))
+            still &= scatter < max(quiet, 2.0 * noise)
             rest = np.concatenate([np.repeat(still[:1], half), still, np.repeat(still[-1:], half)])
             edges = np.flatnonzero(np.diff(np.concatenate([[False], rest, [False]]).astype(int)))
             # A motion is seen for as long as a window, what is shorter is noise.

@@ -22,9 +22,6 @@ from suta_calib.units import from_deg
 VECTOR: Final = "vector"
 # Order of Euler angles if it is not stated: roll, pitch, yaw of URDF and ROS.
 RPY: Final = "xyz"
-# Median distance from the origin, in the unit, of positions that are an arm's or a tracker's.
-_DISTANCES: Final = {"m": (0.003, 10.0), "mm": (100.0, 10_000.0)}
-_TURNS: Final = {"rad": math.tau, "deg": 360.0}
 
 
 class Interpretation(NamedTuple):
@@ -47,7 +44,9 @@ class Interpretation(NamedTuple):
 def plausible_lengths(position: FloatArray, units: Sequence[str]) -> list[str]:
     """Units in which positions (n, 3) are at a plausible distance."""
     distance = float(np.median(np.linalg.norm(position, axis=1)))
-    return [unit for unit in units if _DISTANCES[unit][0] <= distance <= _DISTANCES[unit][1]]
+    # Median distance from the origin, in the unit, of positions that are an arm's or a tracker's.
+    distances = {"m": (0.003, 10.0), "mm": (100.0, 10_000.0)}
+    return [unit for unit in units if distances[unit][0] <= distance <= distances[unit][1]]
 
 
 def quaternion_order(numbers: FloatArray) -> str:
@@ -77,10 +76,11 @@ def plausible_rotations(
     plausible = list[tuple[str, str]]()
     # Rounding of what is written.
     rounded = 1.005
+    turns = {"rad": math.tau, "deg": 360.0}
     for unit in units:
-        if unit == "deg" and "rad" in units and most <= _TURNS["rad"]:
+        if unit == "deg" and "rad" in units and most <= turns["rad"]:
             continue
-        turn = _TURNS[unit] * rounded
+        turn = turns[unit] * rounded
         within = [form for form in forms if (2 * norm if form == VECTOR else most) <= turn]
         fitting = _fitting_neighbours(numbers, within, unit)
         euler = [form for form in fitting if form != VECTOR][:1]

@@ -18,8 +18,6 @@ from suta_calib.arrays import BoolArray, FloatArray, IntArray
 
 # Neighbours that make the normal of a point that votes.
 _NEIGHBOURS: Final = 24
-# How near votes meet, in radii: normals of small pieces scatter by some tenths of a radian.
-_TOGETHER: Final = 0.15
 # Fewest points of a ball.
 FEWEST: Final = 30
 
@@ -111,12 +109,14 @@ def _full_places(votes: FloatArray, radius: float) -> list[FloatArray]:
     if not len(votes):
         return places
     tree = KDTree(votes)
-    counts = tree.query_ball_point(votes, _TOGETHER * radius, return_length=True)
+    # How near votes meet, in radii: normals of small pieces scatter by some tenths of a radian.
+    together = 0.15
+    counts = tree.query_ball_point(votes, together * radius, return_length=True)
     open_votes = np.ones(len(votes), dtype=np.bool_)
     # Places that are fitted.
     while open_votes.any() and len(places) < 8:
         best = int(np.argmax(np.where(open_votes, counts, -1)))
-        near = tree.query_ball_point(votes[best], 2.0 * _TOGETHER * radius)
+        near = tree.query_ball_point(votes[best], 2.0 * together * radius)
         places.append(np.median(votes[near], axis=0))
         open_votes[tree.query_ball_point(votes[best], radius)] = False
     return places

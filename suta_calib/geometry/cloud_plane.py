@@ -27,8 +27,6 @@ FEWEST: Final = 100
 _PART: Final = 0.1
 # Cosine of the steepest angle at which a plane is looked at: beyond, it is seen edge on.
 _STEEPEST: Final = 0.1
-# Patches along each side of a plane: errors of points farther apart count as independent.
-_PATCHES: Final = 8
 
 
 @dataclass(frozen=True, eq=False)
@@ -237,8 +235,10 @@ def _by_patches(columns: FloatArray, left: FloatArray, weight: FloatArray) -> Fl
     alone *= float(np.mean(weight)) * len(left) / max(len(left) - 3, 1)
     place = columns[:, 1:] - columns[:, 1:].min(axis=0)
     size = np.maximum(place.max(axis=0), 1e-12)
-    cell = np.minimum((place / size * _PATCHES).astype(np.intp), _PATCHES - 1)
-    _, patch = np.unique(cell @ [_PATCHES, 1], return_inverse=True)
+    # Patches along each side of a plane: errors of points farther apart count as independent.
+    patches = 8
+    cell = np.minimum((place / size * patches).astype(np.intp), patches - 1)
+    _, patch = np.unique(cell @ [patches, 1], return_inverse=True)
     count = int(patch.max()) + 1
     pull = np.zeros((count, 3))
     np.add.at(pull, patch.reshape(-1), columns * (weight * left)[:, None])

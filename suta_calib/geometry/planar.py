@@ -15,12 +15,8 @@ from suta_calib.arrays import BoolArray, FloatArray, IntArray
 
 # Points that tell a circle, or a line, from what noise and edges make.
 FEWEST_POINTS: Final = 12
-# Of a circle, how much must be seen: of less, curvature is not told from a bent surface.
-LEAST_ARC: Final = np.radians(25.0)
 # Points belong to a curve within so many standard deviations of their noise.
 _NEAR: Final = 4.0
-# m: no scanner is better, and a quantised profile seems to have no noise at all.
-_LEAST_NOISE: Final = 2e-6
 
 
 class Circle(NamedTuple):
@@ -59,12 +55,14 @@ def profile_noise(points: FloatArray) -> float:
     It is that of the quieter parts: beside a shiny ball half of a profile may be reflections.
     """
     bend = np.abs(np.diff(points[:, 1], 2))
+    # m: no scanner is better, and a quantised profile seems to have no noise at all.
+    least_noise = 2e-6
     if not len(bend):
-        return _LEAST_NOISE
+        return least_noise
     parts = np.array_split(bend, max(len(bend) // 40, 1))
     # 1.4826 of the median of |x| is σ, and the variance of a second difference is 6 σ².
     sigma = [1.4826 * float(np.median(part)) / np.sqrt(6.0) for part in parts]
-    return max(float(np.quantile(sigma, 0.25)), _LEAST_NOISE)
+    return max(float(np.quantile(sigma, 0.25)), least_noise)
 
 
 def circle_in(points: FloatArray, largest: float = np.inf) -> Circle | None:
@@ -81,7 +79,9 @@ def circle_in(points: FloatArray, largest: float = np.inf) -> Circle | None:
     # Chords and sections differ from a circle by noise, and by the ball's own errors of form.
     near = max(_NEAR * noise, 1e-5)
     # Of a larger one no profile shows enough: a table is no part of a ball.
-    widest = float(np.ptp(points[:, 0])) / (2.0 * np.sin(LEAST_ARC / 2.0))
+    # Of a circle, how much must be seen: of less, curvature is not told from a bent surface.
+    least_arc = np.radians(25.0)
+    widest = float(np.ptp(points[:, 0])) / (2.0 * np.sin(least_arc / 2.0))
     most = min(largest * 1.01 + near, widest)
     rows = _spread_rows(n, 3)
     centre, radius = _through(points[rows])
@@ -115,7 +115,7 @@ def circle_in(points: FloatArray, largest: float = np.inf) -> Circle | None:
         away = np.linalg.norm(points[on] - c, axis=1) - r
         # What an edge adds must not widen what counts as near.
         scatter = min(max(1.4826 * float(np.median(np.abs(away))), noise), 2.0 * scatter)
-    if not np.isfinite(r) or r > most or _seen_angle(points[on] - c) < LEAST_ARC:
+    if not np.isfinite(r) or r > most or _seen_angle(points[on] - c) < least_arc:
         return None
     return Circle(c, r, on, float(np.std(np.linalg.norm(points[on] - c, axis=1))))
 

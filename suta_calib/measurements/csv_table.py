@@ -37,8 +37,6 @@ _QUATERNION = ("qx", "qy", "qz", "qw")
 # Standard deviation of every measured coordinate, and of each.
 SIGMA = "sigma"
 SIGMAS = ("sigma_x", "sigma_y", "sigma_z")
-# Characters of a cell that a message shows.
-_LONGEST_QUOTE = 200
 _DECIMAL = re.compile(r"[+-]?\d+\.\d+", re.ASCII)
 # What reads tables as spreadsheets of any country write them.
 _IMPORT = "suta-calib import converts such a file"
@@ -158,7 +156,9 @@ class CsvTable(Displayable):
         error: type[SamplesError] = SamplesError,
     ) -> SamplesError:
         """Error about one cell, to be raised by the caller."""
-        short = problem if len(problem) <= _LONGEST_QUOTE else f"{problem[:_LONGEST_QUOTE]}…"
+        # Characters of a cell that a message shows.
+        longest_quote = 200
+        short = problem if len(problem) <= longest_quote else f"{problem[:longest_quote]}…"
         return error(
             short,
             expected,

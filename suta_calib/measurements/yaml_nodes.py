@@ -21,8 +21,6 @@ KeyPath = tuple[str | int, ...]
 Node = Any
 _SPECIAL_FLOATS = {".inf": "inf", "+.inf": "inf", "-.inf": "-inf", ".nan": "nan"}
 
-# A file of this field has a few thousand values, of which aliases may make many more.
-MOST_VALUES: Final = 200_000
 MOST_BYTES: Final = 8_000_000
 MOST_LEVELS: Final = 50
 
@@ -118,8 +116,10 @@ class _Plain:
             raise self._refuse("a reference to itself", "a value", node)
         if len(inside) > MOST_LEVELS:
             raise self._refuse("lists nested too deeply", f"at most {MOST_LEVELS} levels", node)
-        if len(self.lines) > MOST_VALUES:
-            most = f"at most {MOST_VALUES:,} values, with aliases counted as often as they are used"
+        # A file of this field has a few thousand values, of which aliases may make many more.
+        most_values = 200_000
+        if len(self.lines) > most_values:
+            most = f"at most {most_values:,} values, with aliases counted as often as they are used"
             raise self._refuse("too many values", most, node)
         if node.id == "mapping":
             return self._mapping(node, keys, (*inside, node))

@@ -36,8 +36,6 @@ MOUNT: Final = ("mount_rx", "mount_ry", "mount_rz")
 # A rotation vector, of "up" from where the arm's mounting has it: all sensors share it.
 _UP_KEYS: Final = ("up_rx", "up_ry", "up_rz")
 UP: Final = tuple(f"tilt.{key}" for key in _UP_KEYS)
-# Nobody says where a sensor's axes point: anywhere about the vertical.
-_ANY_TURN: Final = 3.2
 
 
 def is_share(name: str) -> bool:
@@ -85,10 +83,12 @@ class TiltSensor(Displayable):
     @cached_property
     def parameters(self) -> tuple[Parameter, ...]:
         """Where the link turns, and how the sensor is mounted."""
+        # Nobody says where a sensor's axes point: anywhere about the vertical.
+        any_turn = 3.2
         return (
             # One that is found to a quarter tells more than its bounds do.
             Parameter(self.owner, SHARE, "1", 0.5, lower=0.0, upper=1.0, plausible=2.5),
-            Parameter(self.owner, TURN, "rad", lower=-_ANY_TURN, upper=_ANY_TURN),
+            Parameter(self.owner, TURN, "rad", lower=-any_turn, upper=any_turn),
             *(Parameter(self.owner, key, "rad") for key in MOUNT),
         )
 

@@ -27,8 +27,6 @@ from suta_calib.terms.profile_start import BallModel, in_scanner
 from suta_calib.units import from_deg, mm, text
 from suta_calib.words import listed
 
-# Standard deviations of X from which on it is not known at all, m and rad.
-_OPEN: Final = 50e-3, from_deg(10.0)
 _ADVICE: Final = (
     "turn the scanner by 20° or more about all three axes, and let it cut the {0} at different "
     "places and distances"
@@ -251,7 +249,11 @@ def _answer(
 def _refuse_open(fit: ScanFit, what: str) -> None:
     """Refuse scans that leave X open, and say where it may move."""
     parts = []
-    for first, most, words in ((3, _OPEN[0], "slide along {} of the hand"), (0, _OPEN[1], "turn")):
+    # Standard deviations of X from which on it is not known at all, m and rad.
+    for first, most, words in (
+        (3, 50e-3, "slide along {} of the hand"),
+        (0, from_deg(10.0), "turn"),
+    ):
         size, axes = np.linalg.eigh(fit.covariance[first : first + 3, first : first + 3])
         if not size[-1] <= most**2:
             axis = "(" + ", ".join(f"{v:.2f}" for v in axes[:, -1]) + ")"

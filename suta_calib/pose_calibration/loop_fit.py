@@ -50,9 +50,6 @@ from suta_calib.units import from_deg
 
 # What makes X known.
 ADVICE: Final = "turn the hand about at least two axes that are not parallel"
-# No hand and no eye is believed to turn more exactly than this when turns are weighed against
-# displacements: what is smaller repeats well, but is an error of the instruments all the same.
-FINEST_TURN: Final = from_deg(0.1)
 
 
 def checked_pairs(
@@ -176,9 +173,12 @@ def fit_loops(
     if not sight.one:
         refuse_exchanged(start, scaled, target, sight, chosen, numbers)
         refuse_apart(start)
-    noise = RobotNoise(scaled, target, FINEST_TURN, sight.labels)
+    # No hand and no eye is believed to turn more exactly than this when turns are weighed against
+    # displacements: what is smaller repeats well, but is an error of the instruments all the same.
+    finest_turn = from_deg(0.1)
+    noise = RobotNoise(scaled, target, finest_turn, sight.labels)
     # In units of the extent few positions are taken to scatter by this at least.
-    floors = (5e-4 if few else 0.0, FINEST_TURN)
+    floors = (5e-4 if few else 0.0, finest_turn)
     fit = robust_fit(noise.make, start, floors, robust=robust, revise=noise.revise)
     if noise.moves_targets and not noise.explains(fit):
         noise.forget()

@@ -43,8 +43,6 @@ from suta_calib.terms.hand_eye_start import Poses
 from suta_calib.terms.term import Term
 from suta_calib.terms.tracked_point import TrackedPoint
 
-# Rows whose squares are added up at once.
-PORTION: Final = 1000
 # Errors, in units of the problem's extent or rad, that are rounding: a cost of these is none.
 NO_ERROR: Final = 1e-9
 
@@ -170,8 +168,10 @@ def loop_rows(solution: Solution, term: HandEye) -> Iterator[FloatArray]:
     lever = term.fractions[:, None] * (B[1] + np.einsum("nji,nj->ni", R[eye], p[eye]))
     lever += np.array(term.lever_in_eye) + B[0] @ term.lever_in_target
     y = np.concatenate([p.reshape(-1), stacked_turns(R)])
-    for first in range(0, len(eye), PORTION):
-        rows = slice(first, first + PORTION)
+    # Rows whose squares are added up at once.
+    portion = 1000
+    for first in range(0, len(eye), portion):
+        rows = slice(first, first + portion)
         pairs = (A[0][rows], A[1][rows]), (B[0][rows], B[1][rows])
         parts = _linear(*pairs, (R, p), eye[rows], target[rows], lever[rows])
         if isinstance(term, PairedHandEye) and term.relative is not None:

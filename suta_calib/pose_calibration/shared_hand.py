@@ -42,8 +42,6 @@ OF_HAND: Final = 9
 AXES: Final = 3
 # Rows of whose rests variances are asked: they are known to a few hundredths then.
 ENOUGH: Final = 600
-# Numbers for which an eye is believed to err as the others do: those of one row.
-BELIEVED: Final = 3.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -158,10 +156,12 @@ class _Fitted:
             for part in (squares, redundancy)
         ]
         # Few numbers of an eye say nothing of the others.
-        enough = by_eye[1].min(axis=1) >= BELIEVED
+        # Numbers for which an eye is believed to err as the others do: those of one row.
+        believed = 3.0
+        enough = by_eye[1].min(axis=1) >= believed
         of_each = _ratio(*by_eye)[enough] if enough.any() else now.eyes
         typical = np.exp(np.mean(np.log(of_each), axis=0))
-        return _Variances(hand, (by_eye[0] + BELIEVED * typical) / (by_eye[1] + BELIEVED))
+        return _Variances(hand, (by_eye[0] + believed * typical) / (by_eye[1] + believed))
 
 
 def _ratio(power: FloatArray, freedom: FloatArray) -> FloatArray:

@@ -29,8 +29,6 @@ from suta_calib.report.listing import Column, Json, Listing, plain, written
 from suta_calib.units import NOTHING, Unit, key, shown, text, unit_name
 
 NAME: Final = "outliers"
-# Of long levels only the groups with the largest shares are shown.
-MOST_GROUPS_SHOWN: Final = 20
 EXPLAINED: Final = (
     "In this fit the whole geometry of the arm is estimated, so that errors of the arm are not "
     "blamed on touches; another table has the figures of the job's own fit. A figure is flagged "
@@ -189,10 +187,12 @@ def _groups(term: TermOutliers, level: Level) -> Listing[Group]:
 
 
 def _shown(level: Level) -> Sequence[Group]:
-    if len(level.groups) <= MOST_GROUPS_SHOWN:
+    # Of long levels only the groups with the largest shares are shown.
+    most_groups_shown = 20
+    if len(level.groups) <= most_groups_shown:
         return level.groups
     ranked = sorted(level.groups, key=lambda g: (not g.flags, -g.values["contribution"]))
-    labels = {g.label for g in ranked[:MOST_GROUPS_SHOWN]}
+    labels = {g.label for g in ranked[:most_groups_shown]}
     return [g for g in level.groups if g.label in labels]
 
 

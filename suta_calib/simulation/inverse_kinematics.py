@@ -32,8 +32,6 @@ _ROTATION_WEIGHTS: Final[dict[Matching, FloatArray]] = {
 # Weighs angles against lengths (m): the size of a tool.
 _LENGTH: Final = 0.25
 _TOLERANCE: Final = 1e-12
-# Rounding may keep the last step from the tolerance; nobody notices a nanometre.
-_ARRIVED: Final = 1e3 * _TOLERANCE
 # Targets times starts that are searched at once: so few take hardly longer than one.
 _AT_ONCE: Final = 16
 
@@ -205,12 +203,14 @@ class InverseKinematics:
             return np.asarray(rows[away], dtype=np.intp)
 
         left, given_up = search(range(1), np.arange(len(targets))), np.zeros(len(q), dtype=bool)
+        # Rounding may keep the last step from the tolerance; nobody notices a nanometre.
+        arrived = 1e3 * _TOLERANCE
         if together is not None:
             # The farthest of each group first: where it fails, the others need not be asked.
             order = left[np.argsort(-np.linalg.norm(error[left], axis=1), kind="stable")]
             asked = np.sort(order[np.unique(together[order], return_index=True)[1]])
             sought = search(range(2, starts), search(range(1, min(2, starts)), asked))
-            sought = sought[np.linalg.norm(error[sought], axis=1) > _ARRIVED]
+            sought = sought[np.linalg.norm(error[sought], axis=1) > arrived]
             given_up = np.isin(together, together[sought])
             given_up[sought] = False
             left = left[~np.isin(left, asked) & ~given_up[left]]
@@ -224,7 +224,7 @@ class InverseKinematics:
         if last + 1 in state:
             # What was drawn in vain is drawn again: nothing depends on how many are tried at once.
             rng.bit_generator.state = state[last + 1]
-        reached = np.linalg.norm(error, axis=1) <= _ARRIVED
+        reached = np.linalg.norm(error, axis=1) <= arrived
         distance = np.linalg.norm(error[:, :3], axis=1) * _LENGTH
         angle = np.linalg.norm(error[:, 3:], axis=1)
         failed = ~reached & ~given_up

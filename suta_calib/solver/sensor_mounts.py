@@ -32,10 +32,6 @@ from suta_calib.model.tilt import MOUNT, UP, TiltSensor
 from suta_calib.terms.poses import ArmPoses
 from suta_calib.terms.term import Term
 
-# Weight, beside a row's, of what was said, rad⁻²: leans of some degrees tell more.
-_SAID = 1e-3
-
-
 _AnyArm = TypeVar("_AnyArm", ArmModel, Robot, ArmModel | Robot)
 
 
@@ -84,16 +80,18 @@ def agreeing(
     Of orientations of the links (n, 3, 3) and unit vectors that were felt (n, 3).
     """
     lean, mounts = np.eye(3), dict[TiltSensor, FloatArray]()
+    # Weight, beside a row's, of what was said, rad⁻²: leans of some degrees tell more.
+    weight_of_said = 1e-3
     for sensor, (rotation, felt) in data.items():
         stated = np.eye(3) if sensor.rpy is None else rotation_from_rpy(sensor.rpy)
         together = np.einsum("nji,j,nk->ik", rotation, up, felt) / len(felt)
         # Where it hangs upside down, what was said does not tell about which axis.
-        mounts[sensor] = nearest_rotation(together + _SAID * stated)
+        mounts[sensor] = nearest_rotation(together + weight_of_said * stated)
     # The two ways to lean, and three for each sensor: leans of degrees take a few steps.
     across = np.linalg.svd(up[None])[2][1:].T
     for _ in range(5):
         at = lean @ up
-        normal = np.diag([1e-9] * 2 + [_SAID] * (3 * len(data)))
+        normal = np.diag([1e-9] * 2 + [weight_of_said] * (3 * len(data)))
         side = np.zeros(len(normal))
         for k, (sensor, (rotation, felt)) in enumerate(data.items()):
             in_link, shown = at @ rotation, felt @ mounts[sensor].T

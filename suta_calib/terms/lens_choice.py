@@ -25,8 +25,6 @@ from suta_calib.terms.intrinsics import UNCALIBRATED, IntrinsicsPrior
 _WIDE: Final = IntrinsicsPrior(focal=3.0, centre=1.0, radial=10.0, tangential=1.0, unbent=False)
 # Pictures that left-out errors are asked of: fewer tell nothing.
 _LEAST: Final = 6
-# Mean square error of a coordinate, px², that is rounding.
-_ROUNDING: Final = 1e-6
 # RMS, as a share of the picture's larger side, from which on no camera fits: half a per cent is
 # 3 px of 640, and no lens is bent so that five numbers leave that.
 UNFIT: Final = 0.005
@@ -213,8 +211,10 @@ def _predicts_better(other: FittedCamera, best: FittedCamera) -> bool:
     """Whether one camera's errors in left-out pictures are smaller by more than chance."""
     # Schwarz (1978), doi:10.1214/aos/1176344136, for four coefficients and some thousand numbers.
     worth = 30.0
+    # Mean square error of a coordinate, px², that is rounding.
+    rounding = 1e-6
     squares, squares_best = (
-        float(np.sum(fitted.residuals**2 + _ROUNDING)) for fitted in (other, best)
+        float(np.sum(fitted.residuals**2 + rounding)) for fitted in (other, best)
     )
     if squares_best - squares < worth * squares / other.residuals.size:
         return False
@@ -222,7 +222,7 @@ def _predicts_better(other: FittedCamera, best: FittedCamera) -> bool:
         return False
     # Errors of a picture are alike, which the sum of squares does not know; by their logarithms, as
     # a lens may fail in the few pictures at the edge alone.
-    gain = np.log((best.left_out + _ROUNDING) / (other.left_out + _ROUNDING))
+    gain = np.log((best.left_out + rounding) / (other.left_out + rounding))
     spread = float(np.std(gain, ddof=1)) / np.sqrt(len(gain))
     # One of twenty pairs of equally good models differs by so many standard errors.
     return bool(np.mean(gain) > 1.64 * spread)

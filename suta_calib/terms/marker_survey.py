@@ -12,7 +12,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from functools import cached_property
-from typing import Final
 
 import numpy as np
 
@@ -33,10 +32,6 @@ from suta_calib.terms.marker_adjustment import Adjustment, Node, Pictures
 from suta_calib.terms.surveyed_markers import SurveyedMarkers
 from suta_calib.units import deg, mm
 from suta_calib.words import listed
-
-# A marker of a stated size that is off by less is no other one, as a share: four standard
-# deviations of a print, and of what pictures tell.
-_OTHER_SIZE: Final = 0.025
 
 # Rotation and position of one node in another, its size there, and in how many pictures.
 _Edge = tuple[FloatArray, FloatArray, float, int]
@@ -339,9 +334,12 @@ class _Survey:
             return {}
         values = np.array(list(ratios.values()))
         middle = float(np.median(values))
-        consistent = len(values) > 1 and bool(np.all(np.abs(values / middle - 1.0) < _OTHER_SIZE))
+        # A marker of a stated size that is off by less is no other one, as a share: four standard
+        # deviations of a print, and of what pictures tell.
+        other_size = 0.025
+        consistent = len(values) > 1 and bool(np.all(np.abs(values / middle - 1.0) < other_size))
         common = middle if len(values) > 2 or consistent or not by_hand else 1.0
-        off = {k: r / common for k, r in ratios.items() if abs(r / common - 1.0) > _OTHER_SIZE}
+        off = {k: r / common for k, r in ratios.items() if abs(r / common - 1.0) > other_size}
         for k, factor in off.items():
             number = self.nodes[k].numbers[0]
             size = self.sought.markers[number].size
@@ -353,7 +351,7 @@ class _Survey:
                 f"{others}: about {mm(factor * size):.1f} mm, not {mm(size):g} mm. Its size is "
                 "estimated instead. Measure the edge of its black square, and correct size_mm."
             )
-        if by_hand and abs(common - 1.0) > _OTHER_SIZE:
+        if by_hand and abs(common - 1.0) > other_size:
             self.notes.append(
                 f"By the motions of the hand all markers are about {common:.3f} times as large as "
                 "their size_mm. The sizes are estimated instead. Measure the markers, and check "

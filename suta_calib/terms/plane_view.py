@@ -40,8 +40,6 @@ _SHARE: Final = 0.2
 # distances it sees, m.
 _STEEPEST: Final = 0.25
 _REACH: Final = (0.1, 3.0)
-# A plane that a ray does not meet is farther away than anything, m.
-_BEYOND: Final = 100.0
 
 
 @cache  # What was compiled for a residual is found again by it.
@@ -173,7 +171,9 @@ class PlaneView(DepthTerm):
         slope = np.einsum("ni,ni->n", by_carrier @ R, ray)
         length = away / np.where(np.abs(slope) > 1e-9, slope, 1e-9)
         sighted = (np.abs(slope) > _STEEPEST) & (length == np.clip(length, *_REACH))
-        points = ray * np.clip(length, -_BEYOND, _BEYOND)[:, None]
+        # A plane that a ray does not meet is farther away than anything, m.
+        beyond = 100.0
+        points = ray * np.clip(length, -beyond, beyond)[:, None]
         sigma = None if self.depth_noise is None else self.depth_noise.sigmas(points[:, 2])
         return Observed(points, axes=self.simulated_axes(points), sigma=sigma, sighted=sighted)
 

@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final
+from typing import Any
 
 import numpy as np
 
@@ -39,10 +39,6 @@ from suta_calib.tracking.tracker import NO_TOOL, Tool
 from suta_calib.tracking.uncertainty import CalibrationUncertainty
 from suta_calib.units import deg, from_deg, mm, with_std
 from suta_calib.words import listed
-
-# Standard deviations of its prior that a zero has drifted by before it is called too far: by
-# chance one in 16,000.
-_TOO_FAR: Final = 4.0
 
 
 @dataclass(frozen=True)
@@ -286,12 +282,15 @@ class Recalibration(Displayable):
                 "neither the calibration's ± nor a drift of the zeros explains. A link, the tip or "
                 f"a point may have moved. {check}",
             )
+        # Standard deviations of its prior that a zero has drifted by before it is called too far:
+        # by chance one in 16,000.
+        too_far = 4.0
         for joint, (drift, std) in self.zeros.items():
-            if abs(drift) > _TOO_FAR * self.spec.drift.zeros:
+            if abs(drift) > too_far * self.spec.drift.zeros:
                 self._alarm(
                     joint,
                     f"the zero of {joint} has drifted by {with_std(drift, std, 'rad', sign=True)}, "
-                    f"more than {_TOO_FAR:g} times what was assumed. {check}",
+                    f"more than {too_far:g} times what was assumed. {check}",
                 )
 
     def _alarm(self, what: str, sentence: str) -> None:

@@ -55,8 +55,6 @@ from suta_calib.units import text, with_std
 # be used, if it is off by more than its ±.
 LEVEL: Final = 0.01
 SURE: Final = 1e-3
-# So many of its standard deviations a parameter of many is off by chance.
-BEYOND: Final = 2.0
 # Rows of a cluster from which on its squares are summed by themselves.
 MANY_EACH: Final = 8
 
@@ -163,7 +161,9 @@ def _misled(solution: Solution, again: Solution) -> tuple[str, float] | None:
         if estimate.std and (other := again.estimates.get(name)) is not None and other.std
     }
     worst = max(moved, key=lambda name: moved[name], default="")
-    return (worst, moved[worst]) if worst and moved[worst] > BEYOND else None
+    # So many of its standard deviations a parameter of many is off by chance.
+    beyond_chance = 2.0
+    return (worst, moved[worst]) if worst and moved[worst] > beyond_chance else None
 
 
 def chance_of(squared: float, count: int, freedom: float) -> float:

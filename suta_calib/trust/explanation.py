@@ -12,7 +12,7 @@ import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import Final, Literal
+from typing import Literal
 
 import numpy as np
 
@@ -44,8 +44,6 @@ from suta_calib.units import Unit, shown
 from suta_calib.words import enumerated
 
 HeldReason = Literal["redundant", "untold", "badly told"]
-# Part of a direction, relative to the whole, that is rounding.
-ROUNDING: Final = 1e-6
 # Words of an advice, and the information that following it would bring.
 Advice = tuple[str, Callable[[], FloatArray]]
 
@@ -268,10 +266,12 @@ def _redundant(rich: RichData, directions: Mapping[str, FloatArray]) -> dict[str
     held = list(directions)
     rows = [rich.names.index(name) for name in held]
     left, picked = rich.redundant[rows].copy(), list[int]()
+    # Part of a direction, relative to the whole, that is rounding.
+    rounding = 1e-6
     for _ in range(min(left.shape)):
         size = np.linalg.norm(left, axis=1)
         pick = int(np.argmax(size))
-        if size[pick] < ROUNDING:
+        if size[pick] < rounding:
             break
         picked.append(pick)
         left -= np.outer(left @ left[pick], left[pick]) / size[pick] ** 2
@@ -282,7 +282,7 @@ def _redundant(rich: RichData, directions: Mapping[str, FloatArray]) -> dict[str
         mine = directions[held[k]]
         # Noise may be a hundredth of it.
         exact = np.linalg.norm(mine - basis @ (basis.T @ mine)) < 0.01 * np.linalg.norm(mine)
-        answer[held[k]] = mine if exact else np.where(np.abs(column) > ROUNDING, column, 0.0)
+        answer[held[k]] = mine if exact else np.where(np.abs(column) > rounding, column, 0.0)
     return answer
 
 

@@ -10,7 +10,6 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Final
 
 import numpy as np
 
@@ -19,8 +18,6 @@ from suta_calib.geometry.numbers import homogeneous, quaternion_from_rotation, v
 from suta_calib.model.parameters import PLACEMENT, is_base
 from suta_calib.solver.solution import Solution
 from suta_calib.terms.external_frame import ExternalFrame, OutsidePose, pose_named
-
-_STEP: Final = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,14 +113,15 @@ def _external_pose(solution: Solution, frame: ExternalFrame) -> ExternalPose:
     turned = rotation is not None
     axes = np.eye(3) if rotation is None else rotation
     moved = np.zeros((6, len(estimates)))
+    change = 1e-6
     for k, name in enumerate(frame.names):
         (Ra, pa), (Rb, pb) = (
-            frame.pose(values | {name: values[name] + step}) for step in (-_STEP, _STEP)
+            frame.pose(values | {name: values[name] + step}) for step in (-change, change)
         )
-        moved[:3, k] = (pb - pa) / (2 * _STEP)
+        moved[:3, k] = (pb - pa) / (2 * change)
         if Ra is not None and Rb is not None:
             moved[3:, k] = vector_from_rotation(axes.T @ Rb) - vector_from_rotation(axes.T @ Ra)
-    moved[3:] /= 2 * _STEP
+    moved[3:] /= 2 * change
     x, y, z, w = quaternion_from_rotation(axes)
     # q ⊗ (θ/2, 1) for a small turn θ about the frame's own axes.
     turns = np.array([[w, -z, y], [z, w, -x], [-y, x, w], [-x, -y, -z]]) / 2

@@ -17,7 +17,6 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import Final
 
 import numpy as np
 
@@ -29,9 +28,6 @@ from suta_calib.solver.solution import INFORMED
 from suta_calib.trust.rich_data import RichData
 from suta_calib.units import Unit, std_text, text, unit_name
 from suta_calib.words import combination, enumerated
-
-# Of a zero, the part that must be in untold directions, and in told ones, to be in a combination.
-PART: Final = 0.1
 
 
 @dataclass(frozen=True, eq=False)
@@ -168,12 +164,15 @@ def prior_splits(
 def _groups(projector: FloatArray) -> Iterator[IntArray]:
     """Numbers of zeros (k,) that share untold directions, and are told in part."""
     part = np.diag(projector)
-    left = set(np.flatnonzero((part > PART) & (part < 1.0 - PART)).tolist())
+    # Of a zero, the part that must be in untold directions, and in told ones, to be in a
+    # combination.
+    least_part = 0.1
+    left = set(np.flatnonzero((part > least_part) & (part < 1.0 - least_part)).tolist())
     while left:
         group, added = set[int](), {min(left)}
         while added:
             group |= added
-            near = (np.abs(projector[[*added]]) > PART).any(axis=0)
+            near = (np.abs(projector[[*added]]) > least_part).any(axis=0)
             added = set(np.flatnonzero(near).tolist()) & left - group
         left -= group
         if len(group) > 1:

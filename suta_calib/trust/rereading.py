@@ -37,8 +37,6 @@ from suta_calib.units import Unit
 QUICK_FIT: Final = SolverOptions(starts=1, max_iterations=25, weights=None, confirm=False)
 # Score of a reading that the nominal arm cannot rank: beyond all others but infinity.
 UNRANKED: Final = 1e300
-# Fits that are so many times the best one at most are as good.
-EQUAL: Final = 1.2
 # Residuals count as so many times their robust level at most: two of fifteen landmarks exchanged
 # must still show, a few gross rows must not decide.
 CAP: Final = 10.0
@@ -101,6 +99,8 @@ def explaining_reading(solution: Solution, rule: Rule = Rule()) -> Rereading | N
         return math.inf
 
     causes, worst = list[tuple[float, float, int, Rereading]](), math.inf
+    # Fits that are so many times the best one at most are as good.
+    equal = 1.2
     for place, candidate in enumerate(_candidates(problem, rule)):
         if causes and candidate.score > worst:
             break
@@ -111,10 +111,10 @@ def explaining_reading(solution: Solution, rule: Rule = Rule()) -> Rereading | N
             listed = UNRANKED if candidate.listed is None else candidate.listed
             share = _share_of_rows(candidate.terms, problem.terms)
             causes.append((-share, listed, place, cause))
-            worst = min(worst, EQUAL * candidate.score)
+            worst = min(worst, equal * candidate.score)
     # Labels that return make several shifts do: that of most rows, and of these the first that
     # is listed, is the simplest.
-    best = EQUAL * min((cause.after for *_, cause in causes), default=0.0)
+    best = equal * min((cause.after for *_, cause in causes), default=0.0)
     equals = [cause for cause in causes if cause[-1].after < best]
     # Nothing need be otherwise where the fit that is to be explained was not the best one.
     if not equals or fitted_misfit(problem.terms) < best:

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Final
 
 import numpy as np
 
@@ -19,8 +18,6 @@ from suta_calib.units import mm
 from suta_calib.vision.clouds import POINT_FILES, CloudReader, dropped_words
 from suta_calib.vision.clouds import searched as searched_clouds
 from suta_calib.words import listed
-
-_MOST_TOLD: Final = 3
 
 
 @dataclass(frozen=True, eq=False)
@@ -122,13 +119,14 @@ def _notes(searched: Sequence[SearchedCloud], radii: Mapping[str, float]) -> lis
     """What must be known: balls that were not found, that have a rival, or another radius."""
     notes = list[str]()
     lost = [f"{each.image} ({each.name})" for each in searched if each.ball is None]
+    most_told = 3
     if lost:
-        notes.append(f"{len(lost)} balls were not found: {listed(lost, _MOST_TOLD)}.")
+        notes.append(f"{len(lost)} balls were not found: {listed(lost, most_told)}.")
     # Points of a rival, of those of the ball, from which on either may be the one.
     rivals = [e.image for e in searched if e.ball is not None and e.ball.rival > 0.5]
     if rivals:
         notes.append(
-            f"In {len(rivals)} clouds ({listed(rivals, _MOST_TOLD)}) another ball of this radius "
+            f"In {len(rivals)} clouds ({listed(rivals, most_told)}) another ball of this radius "
             "is nearly as plain: which one was meant? Cut it out of the clouds, or use balls of "
             "different radii."
         )

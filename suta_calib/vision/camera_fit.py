@@ -9,7 +9,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Final
 
 import numpy as np
 
@@ -26,9 +25,6 @@ from suta_calib.terms.camera_start import ahead_of
 from suta_calib.terms.lens_choice import UNFIT, best_lens
 from suta_calib.vision.opencv import opencv
 from suta_calib.vision.projection_uncertainty import ProjectionMap
-
-# Corners of a picture from which a pose and more can be determined.
-LEAST_CORNERS: Final = 6
 
 
 class NoCameraFitsError(SamplesError):
@@ -116,12 +112,14 @@ def calibrate_camera(
     # Pictures with which a camera can be calibrated at all: each tells two numbers of four.
     least_views = 3
     how = options or CameraFitOptions()
-    names = [name for name in corners.images if np.sum(corners.image == name) >= LEAST_CORNERS]
+    # Corners of a picture from which a pose and more can be determined.
+    least_corners = 6
+    names = [name for name in corners.images if np.sum(corners.image == name) >= least_corners]
     astray: dict[str, float] = {}
     while True:
         if len(names) < least_views:
             raise SamplesError(
-                f"only {len(names)} pictures with {LEAST_CORNERS} corners or more",
+                f"only {len(names)} pictures with {least_corners} corners or more",
                 f"at least {least_views}, from different directions",
                 where="camera",
                 hint="take more pictures, or give the camera's file with --camera",

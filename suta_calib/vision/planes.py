@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Final
 
 import numpy as np
 
@@ -17,8 +16,6 @@ from suta_calib.measurements.cloud_files import Cloud
 from suta_calib.measurements.seen_points import SeenPoints
 from suta_calib.vision.clouds import POINT_FILES, CloudReader, dropped_words, searched
 from suta_calib.words import listed
-
-_MOST_TOLD: Final = 3
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,13 +111,14 @@ def find_planes(
 def _notes(results: Sequence[CloudWithPlane]) -> list[str]:
     """What must be known: clouds without a plane, or with two that are alike."""
     notes = list[str]()
+    most_told = 3
     if lost := [each.image for each in results if each.plane is None]:
-        notes.append(f"{len(lost)} clouds have no plane: {listed(lost, _MOST_TOLD)}.")
+        notes.append(f"{len(lost)} clouds have no plane: {listed(lost, most_told)}.")
     # Points of a rival, of those of the plane, from which on either may be the one that is meant.
     rivals = [e.image for e in results if e.plane is not None and e.plane.rival > 0.5]
     if rivals:
         notes.append(
-            f"In {len(rivals)} clouds ({listed(rivals, _MOST_TOLD)}) another plane is nearly as "
+            f"In {len(rivals)} clouds ({listed(rivals, most_told)}) another plane is nearly as "
             "large: the larger one was taken, which need not be the same one in all clouds. Cut "
             "the other one off with --range, or cut it out of the clouds."
         )

@@ -29,11 +29,9 @@ from suta_calib.job.acceptance import AcceptanceJob
 from suta_calib.job.limits import EXPANDED, Decision, DecisionRule, Limits, StatedUncertainty, worst
 from suta_calib.units import mm
 
-# What the standard asks for: touches of a sphere, articulations of a point and touches in each,
-# lengths, which are five on each of seven measurement lines, three times.
+# What the standard asks for: touches of a sphere; lengths, which are five on each of seven
+# measurement lines, three times.
 TOUCHES: Final = 25
-ARTICULATIONS: Final = 5
-TOUCHES_EACH: Final = 5
 LINES: Final = 35
 LENGTHS: Final = 105
 NO_LIMITS: Final = Limits()
@@ -290,14 +288,16 @@ def _too_few_touches(m: AcceptanceMeasurements) -> str:
 
 def _too_few_articulations(m: AcceptanceMeasurements) -> str:
     sentences = []
+    # What the standard asks for: articulations of a point, and touches in each.
+    least, touches_each = 5, 5
     for point in m.articulations:
-        few = len(point.names) < ARTICULATIONS
+        few = len(point.names) < least
         # Each touch of a seat tells the place; a sphere's centre needs all that are asked for.
-        if few or (point.amplification and point.touches < TOUCHES_EACH * len(point.names)):
+        if few or (point.amplification and point.touches < touches_each * len(point.names)):
             sentences.append(
                 f"{point.touches} touches in {len(point.names)} articulations of {point.point}"
             )
-    asked = f"the standard requires {TOUCHES_EACH} touches in each of {ARTICULATIONS} articulations"
+    asked = f"the standard requires {touches_each} touches in each of {least} articulations"
     return f"{', '.join(sentences)}; {asked}" if sentences else ""
 
 

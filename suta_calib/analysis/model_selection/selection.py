@@ -289,7 +289,7 @@ def _choose(
     progress: Progress | None,
 ) -> ModelSelection:
     """The search, with the gears that the arm has."""
-    search = _Search(terms, parameters, folds_of(terms, seed), families, progress)
+    search = _ExtensionSearch(terms, parameters, folds_of(terms, seed), families, progress)
     job = search.start("as the job has it", geometry=False)
     if job is None:
         raise SamplesError(
@@ -343,7 +343,7 @@ class _Extension:
 
 
 @dataclass(eq=False)
-class _Search:
+class _ExtensionSearch:
     """Tries what it is asked to, once."""
 
     terms: tuple[Term, ...]

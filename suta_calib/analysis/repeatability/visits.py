@@ -44,9 +44,6 @@ from suta_calib.units import Unit, from_deg, mm
 
 # Farther from the median than this many times the median distance: another point, or a slip.
 ELSEWHERE: Final = 6.0
-# m between two places, or that visits scatter by, RMS, which no play and no bending of an arm
-# explains: they are no visits to one point.
-SEVERAL_POINTS: Final = 20e-3
 DIRECTION: Final = "direction"
 PROTOCOL: Final = "protocol"
 
@@ -163,10 +160,13 @@ class Repeatability(Displayable):
         visits, effects = self._of_visits(), self._of_effects()
         if self.misread is not None:
             return Assessment.of(sentence, bad=[self.misread], care=[*visits, *effects])
-        if self._noise_floor > SEVERAL_POINTS:
+        # m between two places, or that visits scatter by, RMS, which no play and no bending of an
+        # arm explains: they are no visits to one point.
+        several_points = 20e-3
+        if self._noise_floor > several_points:
             return Assessment.of(sentence, bad=visits, care=effects)
         bad = []
-        if self.within > SEVERAL_POINTS:
+        if self.within > several_points:
             bad.append(
                 f"The visits scatter by {mm(self.within):.1f} mm (RMS), too much for an arm that "
                 "returns to one point. Check whether these were several points, whether all "

@@ -19,8 +19,6 @@ from suta_calib.terms.block import grouped
 from suta_calib.trust.held_out import robust_level
 from suta_calib.trust.tip import sensitivity, tip_displacements
 
-# Fewer rows do not fill the blocks that are left out.
-FEWEST: Final = 30
 # Blocks at least and at most: a t test gains little beyond 60.
 BLOCKS: Final = (6, 60)
 # Rows that are used at most: the exact solution takes time with the cube of their number.
@@ -143,10 +141,12 @@ def fitted_residuals(
             where="observations",
             hint="a residual map needs the error of the tip as a vector",
         )
-    if len(residuals) < FEWEST:
+    # Fewer rows do not fill the blocks that are left out.
+    fewest = 30
+    if len(residuals) < fewest:
         raise SamplesError(
             f"{len(residuals)} rows with the position of the tip",
-            f"at least {FEWEST}",
+            f"at least {fewest}",
             file=file,
             where="observations",
             hint="with fewer rows, left-out blocks cannot prove that a residual map is right; "

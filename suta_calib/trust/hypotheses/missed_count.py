@@ -31,8 +31,6 @@ from suta_calib.units import from_deg, text
 
 # Shifts of a joint that are tried first, rad.
 COARSE: Final = np.radians(np.arange(-180.0, 180.0, 6.0))
-# Rows that a step has at least.
-FEWEST: Final = 4
 
 
 @dataclass(frozen=True, eq=False)
@@ -182,6 +180,8 @@ def _steps(touches: _Touches, fewer: _Touches, joint: int, size: float) -> Itera
 
     It is coarsely of this size, rad; ``fewer`` touches say how large it is.
     """
+    # Rows that a step has at least.
+    fewest = 4
     for sign in (1.0, -1.0):
         with suppress(SutaCalibError):
             settled, x = _settled(fewer, joint, sign * size)
@@ -189,7 +189,7 @@ def _steps(touches: _Touches, fewer: _Touches, joint: int, size: float) -> Itera
             # Where what is external is, some rows tell well enough to sort all.
             wrong = touches.squares(touches.shifted(joint, settled), x)
             rows = wrong < touches.squares(touches.none, x)
-            if FEWEST <= np.sum(rows) <= len(rows) - FEWEST:
+            if fewest <= np.sum(rows) <= len(rows) - fewest:
                 shifts = touches.shifted(joint, np.where(rows, settled, 0.0))
                 left = touches.squares(shifts, touches.registered(shifts))
                 yield _Step(joint, settled, rows, float(np.mean(left)))
