@@ -205,8 +205,8 @@ def rig_from_pictures(
     images = np.array(names)[usable]
     estimated = shown = _found(problem, state, cameras, covariance)
     if intrinsics == "fixed":
-        freed, at, _ = _agreeing(replace(every, start=state))
-        shown = _found(freed, at, cameras, freed.covariance(at))
+        freed, freely, _ = _agreeing(replace(every, start=state))
+        shown = _found(freed, freely, cameras, freed.covariance(freely))
     return RigCalibration(
         tuple(
             RigCamera(
