@@ -60,16 +60,6 @@ from suta_calib.words import enumerated, listed
 SCALE_PPM: Final = GRADES["printed"] / PPM
 # Standard deviations of X from which on it is not known at all, m and rad.
 _OPEN: Final = 50e-3, from_deg(10.0)
-# The camera's scale is named where the pictures tell it by so many standard deviations, and where
-# it is 1 mm at a metre: less is no matter with a depth camera.
-_SURE: Final = 4.0
-_MATTERS: Final = 1e-3
-# Part of the extent by which a hand errs no more, if it is read as it is.
-_SUSPICIOUS: Final = 0.01
-# What fits so many times better is no chance.
-_FAR_BETTER: Final = 5.0
-# Rows by which pictures are late where a program takes them so.
-_LATE: Final = 3
 _CAUSES: Final = (
     "does each picture belong to the pose with its name, is the quaternion's order x y z w, is the "
     "setup right, and do the poses map from the hand to the base?"
@@ -186,7 +176,9 @@ class DepthCameraCalibration(Displayable, PoseAccuracy, FittedRows):
     def scale_sentence(self) -> str:
         """That the camera's lengths are off, where the pictures tell so; else empty."""
         found, std = self.scale_by_data
-        if abs(found) < max(_SURE * std, _MATTERS):
+        # The camera's scale is named where the pictures tell it by so many standard deviations, and
+        # where it is 1 mm at a metre: less is no matter with a depth camera.
+        if abs(found) < max(4.0 * std, 1e-3):
             return ""
         longer = "long" if found > 0 else "short"
         away = 1e3 * abs(found)
@@ -371,11 +363,14 @@ def _refuse_misread(fit: DepthFit) -> None:
     """Refuse pictures that agree with the poses only if these are read in another way."""
     rows, size = fit.rows, extent(fit.rows.carrier[1])
     middle = float(np.median(np.linalg.norm(fit.sums.off, axis=1)))
-    if middle < _SUSPICIOUS * size:
+    # Part of the extent by which a hand errs no more, if it is read as it is.
+    suspicious = 0.01
+    if middle < suspicious * size:
         return
     tried = [(middle_off(read), words) for words, read in _readings(rows)]
     best, words = min(tried, key=lambda one: one[0])
-    if _FAR_BETTER * best < middle and best < _SUSPICIOUS * size:
+    # What fits so many times better is no chance.
+    if 5.0 * best < middle and best < suspicious * size:
         raise SamplesError(
             f"pictures that differ from where the hand has them by {mm(middle):.3g} mm, and by "
             f"{mm(best):.3g} mm {words}",
@@ -383,7 +378,7 @@ def _refuse_misread(fit: DepthFit) -> None:
             hint="correct the files, and solve again",
         )
     # A tenth of the way that the hand moves is no error of a hand.
-    if middle > 10.0 * _SUSPICIOUS * size:
+    if middle > 10.0 * suspicious * size:
         raise SamplesError(
             f"pictures that differ from where the hand has them by {mm(middle):.3g} mm, whatever X",
             "poses and pictures that belong together",
@@ -409,7 +404,8 @@ def _readings(rows: DepthRows) -> Iterator[tuple[str, DepthRows]]:
     yield transposed, of_hand(np.swapaxes(hand[0], 1, 2), hand[1])
     every = np.arange(count)
     orders = {"if the pictures are in the opposite order": every[::-1]}
-    for late in range(1, _LATE + 1):
+    # Up to three rows late: so much pictures are where a program takes them so.
+    for late in range(1, 4):
         what = "a row" if late == 1 else f"{late} rows"
         orders[f"if the pictures are {what} late"] = np.roll(every, late)
         orders[f"if the pictures are {what} early"] = np.roll(every, -late)

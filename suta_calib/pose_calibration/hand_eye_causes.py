@@ -31,7 +31,6 @@ from suta_calib.units import deg, from_deg, mm
 # that of turns, rad, of pairs that do not belong together.
 SUSPICIOUS: Final = 0.01
 TURNED: Final = from_deg(1.0)
-NO_AGREEMENT: Final = from_deg(10.0)
 PAIRS: Final = "poses of a hand and of the target that its camera saw, pair by pair"
 CAUSES: Final = (
     "do the rows belong together, is the quaternion's order x y z w, is the setup right, and do "
@@ -135,7 +134,9 @@ def refuse_strangers(
         more: by eye, directions of X that are undetermined beside what the solution holds.
         parts: (n,) rows of each part of the graph of eyes and targets.
     """
-    if fit.sigmas[1] > NO_AGREEMENT:
+    # Scatter of turns from which on pairs do not agree at all.
+    no_agreement = from_deg(10.0)
+    if fit.sigmas[1] > no_agreement:
         loops = f"loops A X B that differ by {deg(fit.sigmas[1]):.0f}° about every axis"
         raise SamplesError(loops, PAIRS, hint=CAUSES)
     slid, turned = start.sigmas
@@ -144,7 +145,7 @@ def refuse_strangers(
     unrelated = fit.sigmas[0] > 0.05 or any(
         undetermined_directions(fit.solution, eye, directions) for eye, directions in more.items()
     )
-    if not ((slid > 0.1 or turned > NO_AGREEMENT) and unrelated):
+    if not ((slid > 0.1 or turned > no_agreement) and unrelated):
         return
     if turned > TURNED:
         raise _disagreement(start, length, CAUSES)

@@ -47,8 +47,6 @@ _THINGS: Final = Listing[SeenThing](
     *axes_with_std(lambda row: row.place, lambda row: row.std),
     Column("", "normal, ± tilt in deg", _normal),
 )
-# As many of many points as a reader looks at; the file has all.
-_MOST: Final = 12
 
 
 def depth_camera_document(calibration: DepthCameraCalibration, data: HandPoses) -> Document:
@@ -58,7 +56,8 @@ def depth_camera_document(calibration: DepthCameraCalibration, data: HandPoses) 
     lines = [data.lines[k] for k in calibration.rows_in_file(every)]
     frames = FRAMES[setup]
     outside = "base" if setup == "eye-in-hand" else "hand"
-    shown = calibration.things[:_MOST]
+    # As many of many points as a reader looks at; the file has all.
+    shown = calibration.things[:12]
     more = len(calibration.things) - len(shown)
     scale, scale_std = (f"{100 * part:.2f}" for part in (calibration.scale, calibration.scale_std))
     parts: list[Part] = [

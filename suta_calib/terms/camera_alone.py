@@ -22,20 +22,20 @@ from suta_calib.terms.camera_start import poses_in_camera
 
 
 @dataclass(frozen=True, eq=False)
-class State:
+class CameraState:
     """A camera (c,), px and 1, and where the board is in each picture: (n, 3, 3) and (n, 3), m."""
 
     intrinsics: FloatArray
     rotation: FloatArray
     position: FloatArray
 
-    def take(self, pictures: BoolArray) -> State:
+    def take(self, pictures: BoolArray) -> CameraState:
         """Of some of the pictures (n,)."""
-        return State(self.intrinsics, self.rotation[pictures], self.position[pictures])
+        return CameraState(self.intrinsics, self.rotation[pictures], self.position[pictures])
 
-    def moved(self, camera: FloatArray, poses: FloatArray) -> State:
+    def moved(self, camera: FloatArray, poses: FloatArray) -> CameraState:
         """After a step (c,) of the camera and (n, 6) of the poses, about the camera's axes."""
-        return State(
+        return CameraState(
             self.intrinsics + camera,
             rotation_from_vector(poses[:, 3:]) @ self.rotation,
             self.position + poses[:, :3],
@@ -62,13 +62,13 @@ class PicturesSeen:
         """Some of the pictures (n,)."""
         return replace(self, pixels=self.pixels[pictures], there=self.there[pictures])
 
-    def in_camera(self, at: State) -> tuple[FloatArray, FloatArray]:
+    def in_camera(self, at: CameraState) -> tuple[FloatArray, FloatArray]:
         """(n, k, 3) from the board's origin, turned, and from the camera; z is 1 where not seen."""
         turned = np.einsum("nij,kj->nki", at.rotation, self.points)
         points = turned + at.position[:, None]
         return turned, np.where(self.there[..., None], points, [0.0, 0.0, 1.0])
 
-    def errors(self, at: State) -> FloatArray | None:
+    def errors(self, at: CameraState) -> FloatArray | None:
         """(n, k, 2) px, zero for what was not found; None where a point is behind the camera."""
         _, points = self.in_camera(at)
         if not self.lens.ahead(points).all():
@@ -76,7 +76,7 @@ class PicturesSeen:
         off = self.lens.projected(points, at.intrinsics) - self.pixels
         return np.where(self.there[..., None], off, 0.0)
 
-    def slopes(self, at: State) -> tuple[FloatArray, FloatArray]:
+    def slopes(self, at: CameraState) -> tuple[FloatArray, FloatArray]:
         """Derivatives of the errors by the camera (n, k, 2, c) and by the poses (n, k, 2, 6)."""
         turned, points = self.in_camera(at)
         by_place, by_camera = pixel_slopes(self.lens, points, at.intrinsics)
@@ -87,7 +87,7 @@ class PicturesSeen:
 
 def seen_by(
     camera: Camera, corners: Corners, board: Board
-) -> tuple[PicturesSeen, State, BoolArray]:
+) -> tuple[PicturesSeen, CameraState, BoolArray]:
     """What was seen, and where a camera has the board in each picture that tells it.
 
     The third is (pictures,) which do, in the order of `Corners.images`.
@@ -99,11 +99,11 @@ def seen_by(
     there = np.asarray(np.isfinite(pixels[located]).all(axis=2))
     shown = np.where(there[..., None], pixels[located], 0.0)
     pictures = PicturesSeen(points, shown, there, camera.lens)
-    return pictures, State(camera.intrinsics, rotation[located], position[located]), located
+    return pictures, CameraState(camera.intrinsics, rotation[located], position[located]), located
 
 
 @dataclass(frozen=True, eq=False)
-class _OneCamera(Bundle[State]):
+class _OneCamera(Bundle[CameraState]):
     """A camera, and the board at each picture.
 
     Attributes:
@@ -118,16 +118,18 @@ class _OneCamera(Bundle[State]):
     prior: FloatArray
     robust: bool
 
-    def errors(self, at: State) -> FloatArray | None:
+    def errors(self, at: CameraState) -> FloatArray | None:
         return self.pictures.errors(at)
 
     def weights(self, errors: FloatArray) -> FloatArray:
         return corner_weights(errors, self.pictures.there, robust=self.robust)
 
-    def away(self, at: State) -> tuple[FloatArray, FloatArray]:
+    def away(self, at: CameraState) -> tuple[FloatArray, FloatArray]:
         return np.diag(self.prior**-2.0), at.intrinsics - self.first
 
-    def equations(self, at: State, errors: FloatArray, weight: FloatArray) -> PictureEquations:
+    def equations(
+        self, at: CameraState, errors: FloatArray, weight: FloatArray
+    ) -> PictureEquations:
         A, B = (J.reshape(len(J), -1, J.shape[-1]) for J in self.pictures.slopes(at))
         w, r = np.repeat(weight, 2, axis=1), errors.reshape(len(A), -1)
         WA, WB = w[..., None] * A, w[..., None] * B
@@ -140,18 +142,18 @@ class _OneCamera(Bundle[State]):
             *self.away(at),
         )
 
-    def moved(self, at: State, shared: FloatArray, poses: FloatArray) -> State:
+    def moved(self, at: CameraState, shared: FloatArray, poses: FloatArray) -> CameraState:
         return at.moved(shared, poses)
 
 
 def refined(
     pictures: PicturesSeen,
-    state: State,
+    state: CameraState,
     prior: FloatArray,
     *,
     robust: bool = True,
     settled: float = 1e-6,
-) -> State:
+) -> CameraState:
     """The camera and poses of least reprojection error; ``prior`` (c,) is about the first one.
 
     ``robust`` lets corners that are far off pull no harder than others; ``settled`` is the relative

@@ -32,11 +32,6 @@ from suta_calib.terms.depth_rows import (
 )
 from suta_calib.terms.hand_eye_start import FEWEST
 
-# Probability that a set without wrong pictures loses one.
-_FALSE_ALARM: Final = 0.01
-# Points of a picture scatter about one another so many times as much as in most: they are not what
-# they are called.
-_STRANGE: Final = 5.0
 # Pictures from parts of which is started too, so that a few that are wrong decide nothing.
 _PARTS: Final = 6
 # What levels of noise may be: the camera's over what is stated, the hand's in m, and in rad.
@@ -75,7 +70,7 @@ class Levels:
 
 
 @dataclass(frozen=True, eq=False)
-class Weighed:
+class WeighedSums:
     """Sums over pictures, weighed by levels of noise.
 
     Attributes:
@@ -91,7 +86,7 @@ class Weighed:
     sizes: float
 
     @classmethod
-    def of(cls, sums: PictureSums, levels: Levels) -> Weighed:
+    def of(cls, sums: PictureSums, levels: Levels) -> WeighedSums:
         """By Woodbury's identity: of every picture only what the hand can do counts."""
         f, half = levels.camera**2, levels.of_hand
         by_hand = half[:, None] * sums.HH * half
@@ -103,14 +98,14 @@ class Weighed:
         each = np.linalg.slogdet(np.eye(OF_HAND) + by_hand / f)[1]
         return cls(normal / f, pull / f, cost / f, float(each.sum() + np.log(f) * sums.count.sum()))
 
-    def with_priors(self, state: State) -> Weighed:
+    def with_priors(self, state: State) -> WeighedSums:
         """With what is known beforehand."""
         normal, pull, cost = self.normal.copy(), self.pull.copy(), self.cost
         for column, at, std in state.priors:
             normal[column, column] += std**-2.0
             pull[column] += at / std**2
             cost += (at / std) ** 2
-        return Weighed(normal, pull, cost, self.sizes)
+        return WeighedSums(normal, pull, cost, self.sizes)
 
     @cached_property
     def _spectrum(self) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -181,12 +176,15 @@ class DepthFit:
         total += np.where(self.inliers[:, None, None], 0.0, of_answer)
         distance = np.einsum("nk,nk->n", off, np.linalg.solve(total, off[..., None])[..., 0])
         size = there.sum(axis=1)
-        chance = 1.0 - _FALSE_ALARM / len(distance)
+        # Probability that a set without wrong pictures loses one.
+        chance = 1.0 - 0.01 / len(distance)
         by_hand = distance / (size * fdtri(size, max(self.freedom, 1), chance))
         inner = np.maximum(sums.count - size, 0)
         left = np.maximum(sums.rr - np.sum(off**2, axis=1), 0.0)
         within = np.sqrt(left / np.maximum(inner, 1)) / levels.camera
-        return np.asarray(np.maximum(by_hand, np.where(inner > 0, within / _STRANGE, 0.0)))
+        # Points of a picture scatter about one another so many times as much as in most: they are
+        # not what they are called.
+        return np.asarray(np.maximum(by_hand, np.where(inner > 0, within / 5.0, 0.0)))
 
 
 def fit_depth(rows: DepthRows, *, robust: bool = True, start: Eye | None = None) -> DepthFit:
@@ -256,7 +254,7 @@ def _descended(rows: DepthRows, state: State) -> tuple[State, FloatArray]:
         # Sizes wait: they are told last.
         for prior in state.priors:
             normal[prior.column, prior.column] *= 1e6
-        step = -Weighed(normal, pull, 0.0, 0.0).inverse @ pull
+        step = -WeighedSums(normal, pull, 0.0, 0.0).inverse @ pull
         state = state.moved(_short(step))
         if np.abs(step).max() < 1e-7:
             break
@@ -311,7 +309,7 @@ def _covariance(sums: PictureSums, levels: Levels, state: State) -> FloatArray:
     points = np.sqrt(3.0) * np.concatenate([(directions * sizes).T, -(directions * sizes).T])
     covariance = np.zeros((state.unknowns, state.unknowns))
     for point in points:
-        weighed = Weighed.of(sums, Levels.of(at + point)).with_priors(state)
+        weighed = WeighedSums.of(sums, Levels.of(at + point)).with_priors(state)
         shift = weighed.inverse @ weighed.pull
         covariance += (weighed.inverse + np.outer(shift, shift)) / len(points)
     return covariance
@@ -319,12 +317,12 @@ def _covariance(sums: PictureSums, levels: Levels, state: State) -> FloatArray:
 
 def _weighed(rows: DepthRows, state: State, inliers: BoolArray, levels: Levels) -> State:
     """Gauss and Newton with weights by these levels of noise."""
-    sums = Weighed.of(rows.sums(state).take(inliers), levels).with_priors(state)
+    sums = WeighedSums.of(rows.sums(state).take(inliers), levels).with_priors(state)
     for _ in range(15):
         step = _short(-sums.inverse @ sums.pull)
         for _ in range(6):
             tried = state.moved(step)
-            after = Weighed.of(rows.sums(tried).take(inliers), levels)
+            after = WeighedSums.of(rows.sums(tried).take(inliers), levels)
             after = after.with_priors(tried)
             if after.cost <= sums.cost:
                 break
@@ -340,7 +338,7 @@ def _weighed(rows: DepthRows, state: State, inliers: BoolArray, levels: Levels) 
 
 def _unlikely(sums: PictureSums, state: State, logarithms: FloatArray) -> float:
     """Negative logarithm of the likelihood of levels."""
-    weighed = Weighed.of(sums, Levels.of(logarithms)).with_priors(state)
+    weighed = WeighedSums.of(sums, Levels.of(logarithms)).with_priors(state)
     # What is stated of the camera holds within a factor of e, unless the pictures say more.
     return weighed.unlikely + 0.5 * float(logarithms[0]) ** 2
 

@@ -17,7 +17,7 @@ from suta_calib.arrays import FloatArray
 from suta_calib.errors import SamplesError
 from suta_calib.geometry.lens import EQUIDISTANT, PLUMB_BOB, RATIONAL, Lens
 from suta_calib.measurements import Board, Camera, Corners
-from suta_calib.terms.camera_alone import PicturesSeen, State, refined, seen_by
+from suta_calib.terms.camera_alone import CameraState, PicturesSeen, refined, seen_by
 from suta_calib.terms.camera_start import PLANAR, closed_form_camera, closed_form_intrinsics
 from suta_calib.terms.intrinsics import UNCALIBRATED, IntrinsicsPrior
 
@@ -144,7 +144,7 @@ class FittedCamera:
     residuals: FloatArray
     used: Corners
     seen: PicturesSeen
-    state: State
+    state: CameraState
 
     @property
     def rms(self) -> float:
@@ -251,7 +251,7 @@ def _fitted(
         SamplesError: the pictures determine none.
     """
     used = corners.take(np.isin(corners.image, names))
-    best: tuple[PicturesSeen, State] | None = None
+    best: tuple[PicturesSeen, CameraState] | None = None
     least = np.inf
     for start in _starts(lens, used, names, board, size, known):
         searched = _searched(start, used, board)
@@ -287,7 +287,7 @@ def _fitted(
 
 def _searched(
     start: Camera, used: Corners, board: Board
-) -> tuple[PicturesSeen, State, float] | None:
+) -> tuple[PicturesSeen, CameraState, float] | None:
     """All pictures about the camera of least squares, and their sum of squares, px².
 
     None where it has some of them behind itself.
@@ -295,7 +295,7 @@ def _searched(
     A first camera may see some boards nowhere, and others in a wrong pose: those that it sees
     improve it, and it is asked again.
     """
-    best: tuple[PicturesSeen, State, float] | None = None
+    best: tuple[PicturesSeen, CameraState, float] | None = None
     camera = start
     for _ in range(3):
         pictures, state, posed = seen_by(camera, used, board)
@@ -312,7 +312,7 @@ def _searched(
     return best
 
 
-def _sum_of_squares(seen: PicturesSeen, state: State) -> float:
+def _sum_of_squares(seen: PicturesSeen, state: CameraState) -> float:
     errors = seen.errors(state)
     return np.inf if errors is None else float(np.sum(errors**2))
 

@@ -38,10 +38,8 @@ PULL: Final = 10.0
 HELD_OUT, HELD_OUT_CARE = 3.0, 1.7
 # Standard deviations that a ratio, or a scale, must be off before it says anything.
 SIGNIFICANCE: Final = 4.0
-# A common factor on all lengths of an artefact, an instrument or the arm that must be known, and
-# the share of the priors' pulls or of the residuals that it must explain.
+# A common factor on all lengths of an artefact, an instrument or the arm that must be known.
 SCALE_CARE: Final = 2e-3
-SCALE_GAIN: Final = 0.5
 
 
 @dataclass(frozen=True)
@@ -255,13 +253,15 @@ def _held_out(solution: Solution, errors: Sequence[HeldOutErrors]) -> Iterator[C
 
 def _scales(solution: Solution) -> Iterator[Contradiction]:
     named = False
+    # The share of the priors' pulls, or of the residuals, that a scale must explain.
+    scale_gain = 0.5
     for scale in common_scales(solution):
         size, of_arm = abs(scale.value), scale.what == "arm"
         # The arm's lengths say it only by growing evenly.
         least = 2.0 if of_arm else SIGNIFICANCE
         if (
             scale.significance < least
-            or scale.gain < SCALE_GAIN
+            or scale.gain < scale_gain
             # Beyond a tenth it is no scale, but data that do not fit.
             or not SCALE_CARE < size < 0.1
             # An arm may by chance be a little long in most of its lengths.
@@ -295,7 +295,7 @@ def _scales(solution: Solution) -> Iterator[Contradiction]:
             of_scale=True,
         )
     beyond = None if named else beyond_drawing(solution)
-    if beyond is not None and beyond.gain > SCALE_GAIN:
+    if beyond is not None and beyond.gain > scale_gain:
         yield from _on_drawing(solution, beyond)
 
 

@@ -11,7 +11,7 @@ from camera_scenes import BOARD, LENS, X, pictures
 from suta_calib.geometry.lens import PLUMB_BOB
 from suta_calib.geometry.numbers import rotation_from_vector
 from suta_calib.pose_calibration.pictures import hand_eye_from_pictures
-from suta_calib.terms.camera_alone import PicturesSeen, State
+from suta_calib.terms.camera_alone import CameraState, PicturesSeen
 from suta_calib.terms.lens_choice import camera_alone
 
 # Of a wide lens: straight lines become curves of many pixels.
@@ -22,7 +22,7 @@ def test_slopes_are_differences() -> None:
     random, n, k = np.random.default_rng(0), 3, 5
     points = np.column_stack([random.uniform(-0.1, 0.1, (k, 2)), np.zeros(k)])
     place = np.column_stack([random.uniform(-0.05, 0.05, (n, 2)), random.uniform(0.4, 0.6, n)])
-    at = State(WIDE, rotation_from_vector(random.uniform(-0.4, 0.4, (n, 3))), place)
+    at = CameraState(WIDE, rotation_from_vector(random.uniform(-0.4, 0.4, (n, 3))), place)
     there = np.ones((n, k), dtype=np.bool_)
     seen = PicturesSeen(points, np.zeros((n, k, 2)), there, PLUMB_BOB)
     by_camera, by_pose = seen.slopes(at)

@@ -30,10 +30,8 @@ from suta_calib.trust.tip import Sensitivity, sensitivity
 from suta_calib.units import deg, from_deg, from_mm, mm
 
 POSTURES: Final = 240
-# What a person sets with a ruler and a protractor.
+# What a person sets with a ruler.
 _LENGTH_STEP: Final = 0.01
-_YAW_STEP: Final = from_deg(15.0)
-_TILT_STEP: Final = from_deg(5.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -212,14 +210,17 @@ def _placements(
     landmarks = np.array([m.position for m in situation.artefact.landmarks.values()])
     foot = landmarks * [1.0, 1.0, 0.0]
     places: list[Place] = []
+    # What a person sets with a protractor.
+    yaw_step = from_deg(15.0)
+    tilt_step = from_deg(5.0)
     for k, row in enumerate(u):
-        flat = k % 2 == 0 or pool.most_tilt < _TILT_STEP
+        flat = k % 2 == 0 or pool.most_tilt < tilt_step
         most = 0.0 if flat else pool.most_tilt
         least = min(from_deg(10.0), most)
         # Yaw, tilt, and where it leans to, in steps one can set.
-        yaw = _YAW_STEP * round((2 * math.pi * row[3] - math.pi) / _YAW_STEP)
-        tilt = _TILT_STEP * round((least + row[4] * (most - least)) / _TILT_STEP)
-        turned = tilted(yaw, tilt, _YAW_STEP * round(2 * math.pi * row[5] / _YAW_STEP))
+        yaw = yaw_step * round((2 * math.pi * row[3] - math.pi) / yaw_step)
+        tilt = tilt_step * round((least + row[4] * (most - least)) / tilt_step)
+        turned = tilted(yaw, tilt, yaw_step * round(2 * math.pi * row[5] / yaw_step))
         where = region.lower + row[:3] * (region.upper - region.lower)
         lowest = floor - float((foot @ turned.T)[:, 2].min())
         # On the table, or on something that is put under it; the table's height is what it is.

@@ -31,7 +31,6 @@ from suta_calib.units import Unit, from_deg
 # Of the drift: few batches, so that each is longer than what correlates within it.
 _BATCHES: Final = 20
 _CONFIDENCE: Final = 0.95
-LEAST_ROWS: Final = 100
 # Columns of recordings that are no joints.
 NO_JOINTS: Final = frozenset(
     (
@@ -351,9 +350,10 @@ def read_stream(path: str | Path, joints: Sequence[str] = ()) -> Stream:
             file=path,
         )
     valid = table.valid()
-    if len(valid) < LEAST_ROWS:
+    least_rows = 100
+    if len(valid) < least_rows:
         raise SamplesError(
-            f"{len(valid)} valid rows", f"at least {LEAST_ROWS}: record for some seconds", file=path
+            f"{len(valid)} valid rows", f"at least {least_rows}: record for some seconds", file=path
         )
     time = valid.time("times of a single clock")
     readings = np.stack([valid.numbers(n, "one column per joint, in rad") for n in names], axis=1)
