@@ -347,7 +347,8 @@ def chance_of_held(given: Camera, by_pictures: Camera) -> float:
     spread = by_pictures.covariance + (0.0 if given.covariance is None else given.covariance)
     change = by_pictures.intrinsics - given.intrinsics
     # Of two tests the one that says more.
-    return len(PAIRS) * min(_chance(change[pair], spread[pair, pair]) for pair in PAIRS)
+    least = min(_chance(change[pair], spread[pair, pair]) for pair in PAIRS)
+    return min(len(PAIRS) * least, 1.0)
 
 
 def _chance(change: FloatArray, covariance: FloatArray) -> float:
