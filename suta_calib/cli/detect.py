@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
@@ -32,6 +33,72 @@ from suta_calib.vision import (
     find_pictures,
 )
 from suta_calib.vision import detect as detected
+
+
+@dataclass(frozen=True)
+class _Request:
+    """What the command is asked for, as its options have it."""
+
+    images: tuple[Path, ...]
+    board_file: Path
+    file: Path | None
+    known: Path | None
+    lens: str | None
+    camera_out: Path | None
+    depth: Path | None
+    step: float | None
+    points_out: Path | None
+    pictures: bool
+
+    @property
+    def outputs(self) -> list[Path]:
+        """Files that are written."""
+        return [path for path in (self.file, self.camera_out, self.points_out) if path is not None]
+
+    def answered(self, board: Board) -> Document:
+        """Corners and camera from the pictures that are there."""
+        found_files = find_pictures(self.images)
+        check_outputs(
+            self.outputs, [self.board_file, self.known, *(found.path for found in found_files)]
+        )
+        camera = None if self.known is None else read_camera(self.known)
+        options = DetectionOptions(
+            camera=CameraFitOptions(lens=LENSES[self.lens] if self.lens else None)
+        )
+        with LateProgress("searching") as progress:
+            try:
+                detection = detected(found_files, board, camera, options, progress)
+            except BoardError as problem:
+                raise BoardError.of(problem, self.board_file, problem.line) from None
+        in_depth = None
+        if self.depth is not None:
+            files = find_depth(found_files, self.depth)
+            check_outputs(self.outputs, [*files.values()])
+            with LateProgress("reading depth") as progress:
+                in_depth = board_depth(detection, files, self.step, progress)
+        if self.camera_out is not None and detection.fit is None:
+            reason = next(iter(detection.assessment.notes), "")
+            raise InputError(
+                "pictures that do not determine the camera",
+                "pictures that determine it",
+                hint=reason,
+            )
+        answer = detect_document(detection, pictures=self.pictures, depth=in_depth)
+        written: dict[str, str] = {}
+        if self.file is not None and detection.assessment.usable:
+            write_corners(self.file, detection.corners)
+            written["corners_file"] = str(self.file)
+        if (
+            self.camera_out is not None
+            and detection.fit is not None
+            and detection.assessment.usable
+        ):
+            write_camera(self.camera_out, detection.fit.camera)
+            written["camera_file"] = str(self.camera_out)
+        if self.points_out is not None and in_depth is not None and detection.assessment.usable:
+            write_seen_points(self.points_out, in_depth.points)
+            written["points_file"] = str(self.points_out)
+        return answer.with_data(**written, input=[str(path) for path in self.images])
 
 
 @answer_command
@@ -119,8 +186,10 @@ def detect(
         raise click.UsageError("--camera names its lens: give either --camera or --lens, not both")
     if pictures and click.get_current_context().params["out"] is None:
         raise click.UsageError("--pictures needs a folder for the pictures: give --report")
-    outputs = [each for each in (file, camera_out, points_out) if each is not None]
-    for path in outputs:
+    request = _Request(
+        *(images, board, file, known, lens, camera_out, depth, step, points_out, pictures)
+    )
+    for path in request.outputs:
         if not path.parent.is_dir() or path.is_dir():
             what = "a folder" if path.is_dir() else f"no folder {path.parent}"
             raise OutputError(f"{path}: found {what}; expected a file in an existing folder")
@@ -128,9 +197,7 @@ def detect(
         raise click.UsageError("--video shows what it takes on a page: give --live too")
     sought = read_board(board)
     if not live:
-        return _detected(
-            images, board, sought, file, known, lens, camera_out, depth, step, points_out, pictures
-        )
+        return request.answered(sought)
     if len(images) != 1 or images[0].is_file():
         raise click.UsageError("--live needs one folder as IMAGES")
     say = partial(say_line, stderr=True)
@@ -140,62 +207,10 @@ def detect(
             taking.run()
         taking.calibrating()
         try:
-            answer = _detected(
-                *(images, board, sought, file, known, lens, camera_out, depth, step, points_out),
-                pictures,
-            )
+            answer = request.answered(sought)
         except InputError as problem:
             taking.conclude(Assessment.of(bad=[str(problem)]), ())
             raise
-        written = [each for each in outputs if each.is_file()]
+        written = [path for path in request.outputs if path.is_file()]
         taking.conclude(answer.assessment, tuple(written))
     return answer
-
-
-def _detected(
-    images: tuple[Path, ...],
-    board: Path,
-    sought: Board,
-    file: Path | None,
-    known: Path | None,
-    lens: str | None,
-    camera_out: Path | None,
-    depth: Path | None,
-    step: float | None,
-    points_out: Path | None,
-    pictures: bool,
-) -> Document:
-    """Corners and camera from the pictures that are there."""
-    outputs = [each for each in (file, camera_out, points_out) if each is not None]
-    found_files = find_pictures(images)
-    check_outputs(outputs, [board, known, *(each.path for each in found_files)])
-    camera = None if known is None else read_camera(known)
-    options = DetectionOptions(camera=CameraFitOptions(lens=LENSES[lens] if lens else None))
-    with LateProgress("searching") as progress:
-        try:
-            detection = detected(found_files, sought, camera, options, progress)
-        except BoardError as problem:
-            raise BoardError.of(problem, board, problem.line) from None
-    in_depth = None
-    if depth is not None:
-        files = find_depth(found_files, depth)
-        check_outputs(outputs, [*files.values()])
-        with LateProgress("reading depth") as progress:
-            in_depth = board_depth(detection, files, step, progress)
-    if camera_out is not None and detection.fit is None:
-        reason = next(iter(detection.assessment.notes), "")
-        raise InputError(
-            "pictures that do not determine the camera", "pictures that determine it", hint=reason
-        )
-    answer = detect_document(detection, pictures=pictures, depth=in_depth)
-    written: dict[str, str] = {}
-    if file is not None and detection.assessment.usable:
-        write_corners(file, detection.corners)
-        written["corners_file"] = str(file)
-    if camera_out is not None and detection.fit is not None and detection.assessment.usable:
-        write_camera(camera_out, detection.fit.camera)
-        written["camera_file"] = str(camera_out)
-    if points_out is not None and in_depth is not None and detection.assessment.usable:
-        write_seen_points(points_out, in_depth.points)
-        written["points_file"] = str(points_out)
-    return answer.with_data(**written, input=[str(path) for path in images])
