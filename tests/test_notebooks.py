@@ -237,7 +237,7 @@ def test_the_reports_sections_run_without_the_courses_files(
 ):
     cells = nbformat.read(REPORT_NOTEBOOK, as_version=4).cells
     begin = {cell.source.partition("\n")[0]: k for k, cell in enumerate(cells)}
-    chosen = [cells[1], *(cells[begin[title] + 1] for title in COURSE_SECTIONS)]
+    chosen = [cells[2], *(cells[begin[title] + 1] for title in COURSE_SECTIONS)]
     (tmp_path / "repository" / "notebooks").mkdir(parents=True)
     monkeypatch.chdir(tmp_path / "repository" / "notebooks")
     names: dict[str, object] = {}
