@@ -10,6 +10,7 @@ import contextlib
 import math
 from pathlib import Path
 
+import casadi as ca
 import numpy as np
 import pinocchio as pin
 import pytest
@@ -93,6 +94,34 @@ def test_forward_kinematics_are_pinocchios(arm: ArmModel, geometry: str) -> None
         data, frame = at(arm, model, q, values)
         np.testing.assert_allclose(R, data.oMf[frame].rotation, rtol=0, atol=1e-12)
         np.testing.assert_allclose(p, data.oMf[frame].translation, rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize("geometry", GEOMETRIES)
+def test_the_symbols_are_those_of_pinocchio_with_casadi(arm: ArmModel, geometry: str) -> None:
+    """Both symbolic, where Pinocchio is built with CasADi: conda-forge's is, the wheel is not.
+
+    The pose, and how its position changes with every offset.
+    """
+    symbolic = pytest.importorskip("pinocchio.casadi")
+    values = values_of(arm, GEOMETRIES[geometry], known_names(arm))
+    model = symbolic.Model(told(arm, values))
+    data, turns = model.createData(), ca.SX.sym("turns", len(arm.joints))
+    configuration = ca.SX(pin.neutral(arm.model))
+    for k, name in enumerate(arm.joints):
+        joint = arm.model.joints[arm.model.getJointId(name)]
+        state = [turns[k]] if joint.nq == 1 else [ca.cos(turns[k]), ca.sin(turns[k])]
+        configuration[joint.idx_q : joint.idx_q + joint.nq] = ca.vertcat(*state)
+    symbolic.framesForwardKinematics(model, data, configuration)
+    tip = data.oMf[arm.model.getFrameId(arm.chain.tip_link, pin.FrameType.BODY)]
+    outputs = [ca.vec(tip.rotation), tip.translation, ca.jacobian(tip.translation, turns)]
+    theirs = ca.Function("theirs", [turns], outputs)
+    names = [f"{name}.offset" for name in arm.joints]
+    ours = arm.at(values).function(names)
+    offsets = np.array([values.get(name, 0.0) for name in names])
+    for q in random_readings(arm, np.random.default_rng(5), 5):
+        R, p, by_offset = ours(offsets, q)
+        for found, expected in zip((R, p, by_offset[:, :3].T), theirs(q + offsets), strict=True):
+            np.testing.assert_allclose(np.array(found), np.array(expected), rtol=0, atol=1e-12)
 
 
 @pytest.mark.parametrize("geometry", GEOMETRIES)
