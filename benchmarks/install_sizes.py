@@ -1,0 +1,86 @@
+"""What each extra and each large dependency costs on the disk.
+
+Sizes are those of the packages that are installed beside this script, which `make lint` installs
+with all extras, without compiled files. An extra is what comes with it beside the plain package.
+How long installing takes, ``make dist`` tells.
+
+Run with ``python benchmarks/install_sizes.py``; it writes ``docs/guides/installing_table.md``.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterable
+from importlib.metadata import distribution
+from pathlib import Path
+from typing import Final
+
+from packaging.requirements import Requirement
+from packaging.utils import canonicalize_name
+
+ROOT: Final = Path(__file__).resolve().parents[1]
+TABLE: Final = ROOT / "docs" / "guides" / "installing_table.md"
+PACKAGE: Final = "suta_calib"
+# For users; the rest are for who develops.
+DEVELOPERS: Final = {"device", "notebooks", "bench", "test", "docs", "release", "dev"}
+# Smaller ones are not named one by one, MB.
+NAMED_FROM: Final = 2.0
+
+
+def brought(package: str, extras: Iterable[str] = ()) -> set[str]:
+    """Everything that is installed with a package, itself included.
+
+    Raises:
+        PackageNotFoundError: some of it is not installed here.
+    """
+    waiting = [(canonicalize_name(package), frozenset(extras))]
+    found: set[tuple[str, frozenset[str]]] = set()
+    while waiting:
+        name, wanted = here = waiting.pop()
+        if here in found:
+            continue
+        found.add(here)
+        for needed in map(Requirement, distribution(name).requires or ()):
+            marker = needed.marker
+            if marker is None or any(marker.evaluate({"extra": e}) for e in ("", *wanted)):
+                waiting.append((canonicalize_name(needed.name), frozenset(needed.extras)))
+    return {name for name, _ in found}
+
+
+def megabytes(package: str) -> float:
+    """Of its files, compiled ones left out."""
+    files = (Path(str(file.locate())) for file in distribution(package).files or ())
+    return sum(f.stat().st_size for f in files if f.suffix != ".pyc" and f.is_file()) / 1e6
+
+
+def row(name: str, packages: set[str]) -> str:
+    """Of the table, the largest packages first."""
+    sizes = {package: megabytes(package) for package in packages}
+    by_size = sorted(sizes.items(), key=lambda item: -item[1])
+    named = [f"{package} {size:.0f}" for package, size in by_size if size >= NAMED_FROM]
+    rest = len(by_size) - len(named)
+    named += [f"{rest} smaller"] * (rest > 0)
+    return f"| {name} | {sum(sizes.values()):.0f} | {', '.join(named)} |"
+
+
+def main() -> None:
+    """Measure and write."""
+    extras = distribution(PACKAGE).metadata.get_all("Provides-Extra") or []
+    plain = brought(PACKAGE)
+    rows = [row("plain", plain)]
+    for extra in extras:
+        if extra not in DEVELOPERS:
+            rows.append(row(f"`{extra}`", brought(PACKAGE, [extra]) - plain))
+    python = ".".join(map(str, sys.version_info[:2]))
+    TABLE.write_text(
+        f"*Python {python}, Linux, versions of `constraints.txt`; "
+        "`python benchmarks/install_sizes.py` writes this table. An extra is what comes with it "
+        "beside the plain package. Compiled files, some 10 % more, are not counted.*\n\n"
+        "| install | MB | of which, MB |\n|---|--:|---|\n" + "\n".join(rows) + "\n",
+        encoding="utf-8",
+    )
+    print(TABLE.read_text(encoding="utf-8"))
+
+
+if __name__ == "__main__":
+    main()
