@@ -23,6 +23,7 @@ from suta_calib.cli._app import app, run
 # What is not run here, by the beginning of the line, and why; the options are looked up even so.
 DEVICE = "needs a device or an emulator for as long as it says; tests/cli and notebook 05 run it"
 NOT_RUN = {
+    "suta-calib demo": "4 s; tests/cli/test_demo.py",
     "suta-calib emulate": DEVICE,
     "suta-calib monitor": DEVICE,
     "suta-calib measure": DEVICE,
