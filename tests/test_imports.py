@@ -36,6 +36,7 @@ ROWS = (
     {"emulation", "acquisition", "tracking"},
     {"check"},
     {"exchange"},
+    {"certificate"},
     {"report"},
     {"guide", "demo"},
     {"cli", "api", "__init__", "__main__"},

@@ -52,6 +52,9 @@ RESULT_KEYS = {
     "`grade` and standard deviation (`ppm`), and how far that moves the tip (`tip_mm`, root mean "
     "square). `carries`: the arm's lengths depend on it, because the data determine it less well. "
     "Every standard deviation includes it.",
+    "uncertainty": "Budgets: of one coordinate of the tip, every source with its type (`A`: "
+    "scatter, `B`: a statement), standard uncertainty and degrees of freedom; all together, with "
+    "the coverage factor. [On paper](../guides/certificate.md) explains it.",
     "unobservable": "Combinations of parameters that the data leave open.",
     "widening": "Factor by which the validation errors widen all standard deviations.",
     "excluded": "Data that the job excludes, by name.",

@@ -9,6 +9,7 @@ from markdown_pieces import anchor, table
 from repository_pages import ROOT
 
 from suta_calib.analysis.planning.candidates import KEYS as CANDIDATE_KEYS
+from suta_calib.certificate.details import DETAILS_KEYS, EXAMPLE
 from suta_calib.device.device_file import DEVICE_KEYS
 from suta_calib.job.acceptance import ACCEPTANCE_KEYS
 from suta_calib.job.schema import JOB_KEYS
@@ -103,6 +104,12 @@ FILES = (
         "without limits.",
         {"": ACCEPTANCE_KEYS},
         "data/accuracy/iso10360.yaml",
+    ),
+    FileFormat(
+        "certificate.yaml",
+        "What a certificate says beside the results, for `suta-calib certificate --details`.",
+        {"": DETAILS_KEYS},
+        EXAMPLE,
     ),
     FileFormat(
         "candidates.yaml",

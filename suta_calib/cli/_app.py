@@ -60,6 +60,7 @@ COMMANDS: Final = {
     "motors": "Find which motor moves which joint, from touches of a sheet.",
     "repeatability": "Measure the repeatability of an arm and its encoder noise.",
     "iso10360": "Acceptance test of a measuring arm by ISO 10360-12.",
+    "certificate": "Write an answer as a document to sign and file (PDF, JSON).",
     "import": "Convert recordings, tables and robots of other programs.",
     "export": "Write a result in the format of another program.",
 }

@@ -19,7 +19,8 @@ from suta_calib.solver.problem import Problem
 from suta_calib.terms.hand_eye_start import EyeSetup
 from suta_calib.trust.hypotheses.depth_scale import DepthScale
 from suta_calib.trust.hypothesis import Finding
-from suta_calib.units import text
+from suta_calib.trust.uncertainty_budget import UncertaintyBudget, axis_budget
+from suta_calib.units import Unit, text
 
 
 class DistanceTrend(NamedTuple):
@@ -42,6 +43,8 @@ class LoopAnswer(Displayable, RobustAnswer):
         robot_noise_fraction: part of the rotational noise that seems to be the hand's, 0 to 1.
         copies: how many of the pairs that were fitted repeat another: no measurements.
         length: m per unit of `solution`.
+        by_scale: (6, 6) or larger, part of the covariance for the scale of all seen lengths; None
+            where nothing was added for it.
     """
 
     setup: EyeSetup
@@ -50,6 +53,23 @@ class LoopAnswer(Displayable, RobustAnswer):
     robot_noise_fraction: float
     copies: int
     length: float
+    by_scale: FloatArray | None = None
+
+    @property
+    def budgets(self) -> tuple[UncertaintyBudget, ...]:
+        """What the uncertainty of the first X is made of: its place, and its turn."""
+        freedom = 3.0 * (int(self.inliers.sum()) - self.copies - 2)
+        added = np.zeros_like(self.covariance) if self.by_scale is None else self.by_scale
+        parts: tuple[tuple[str, Unit, slice], ...] = (
+            ("one coordinate of the position of X", "m", slice(0, 3)),
+            ("a small turn of X about one axis", "rad", slice(3, 6)),
+        )
+        return tuple(
+            axis_budget(
+                of, unit, self.covariance[at, at], freedom, {"scale of what is seen": added[at, at]}
+            )
+            for of, unit, at in parts
+        )
 
     @property
     def rms_angle(self) -> float:
@@ -124,4 +144,5 @@ def with_scale(answer: A, scale_ppm: float) -> A:
     part = observed_parts(replace(solution.spread.fit, problem=problem)).of_scale
     size = len(answer.covariance)
     jacobian = tangent_of_poses(solution.x[:size], answer.length)
-    return replace(answer, covariance=answer.covariance + jacobian @ part @ jacobian.T)
+    by_scale = jacobian @ part @ jacobian.T
+    return replace(answer, covariance=answer.covariance + by_scale, by_scale=by_scale)

@@ -33,6 +33,7 @@ from suta_calib.terms.poses import MeasuredPoses
 from suta_calib.trust.hypotheses.bent_tip import EVENLY, BentTip, displacement
 from suta_calib.trust.hypothesis import Finding, weigh
 from suta_calib.trust.rule import Rule
+from suta_calib.trust.uncertainty_budget import UncertaintyBudget, axis_budget
 from suta_calib.units import deg, from_deg, mm, std_text, text
 
 
@@ -65,6 +66,20 @@ class PivotCalibration(Displayable, RobustAnswer):
     by_bending: float
     length: float
     scale_ppm: float = 0.0
+
+    @property
+    def budget(self) -> UncertaintyBudget:
+        """What the uncertainty of the tip is made of."""
+        by_scale = self.scale_ppm * PPM * self.tip
+        # What a tip that bends adds is known as one number for all axes.
+        bending = np.eye(3) * self.by_bending**2 / 3.0
+        freedom = 3.0 * (int(self.inliers.sum()) - 1 - len(self.posts))
+        stated = {
+            f"scale of the tracker ({self.scale_ppm:g} ppm)": np.outer(by_scale, by_scale),
+            "a tip that bends as the tool tilts": bending,
+        }
+        of = "one coordinate of the tip in the tool"
+        return axis_budget(of, "m", self.covariance[:3, :3], freedom, stated)
 
     @property
     def in_a_line(self) -> str:

@@ -78,6 +78,7 @@ from suta_calib.report.observability import (
     state_shown,
     unobservable,
 )
+from suta_calib.report.uncertainty import budget_record, budget_table
 from suta_calib.solver.identifiability import WEAK
 from suta_calib.solver.solution import Solution
 from suta_calib.terms import Term
@@ -412,6 +413,12 @@ def _noise_and_correlations(result: Calibration) -> Iterator[Part]:
             "the ± of its prior as given. fixed: true beside a prior or a noise level keeps it as "
             "given."
         )
+    if (budget := result.examined.tip_budget) is not None:
+        yield budget_table(budget, "What the uncertainty of the tip is made of")
+        yield remark(
+            f"Of {budget.of}. Type A: from scatter. Type B: from what a certificate, a drawing or "
+            "the job states."
+        )
     names, matrix = solution.correlation(arm=True) if solution.converged else ((), np.eye(0))
     if len(names) < 2:
         return
@@ -503,6 +510,7 @@ def _data(result: Calibration) -> Json:
         "widening": solution.widening,
         "held": entry("held", lambda: held_directions(solution)),
         "scale": entry("scale", lambda: SCALE.records(result.examined.scale_effects)),
+        "uncertainty": entry("uncertainty", lambda: _uncertainty(result)),
         # Samples that rows of the job leave out by name.
         "excluded": [
             {"in": f"{name}[{k}]", "kind": row.kind, **row.exclude.as_dict()}
@@ -521,6 +529,11 @@ def _data(result: Calibration) -> Json:
         "solver": {"name": solution.minimum.solver, **best, "starts": starts},
         "versions": versions(),
     }
+
+
+def _uncertainty(result: Calibration) -> list[Json]:
+    budget = result.examined.tip_budget
+    return [] if budget is None else [budget_record(budget)]
 
 
 def _residuals(result: Calibration) -> str:

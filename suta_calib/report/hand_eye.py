@@ -23,6 +23,7 @@ from suta_calib.report.poses import (
     pose_table,
     residuals_file,
 )
+from suta_calib.report.uncertainty import budget_record
 from suta_calib.units import text
 
 NAME: Final = "hand_eye"
@@ -62,6 +63,7 @@ def hand_eye_document(calibration: HandEyeCalibration, data: PosePairs) -> Docum
         **CALIBRATION.record(calibration),
         **fitted_rows(calibration, data.lines),
         "covariance": covariance_record(calibration.covariance[:size, :size], order, "m, rad"),
+        "uncertainty": [budget_record(budget) for budget in calibration.budgets],
         "input": str(data.path),
     }
     about = NAME, "Hand-eye calibration", calibration.assessment

@@ -17,6 +17,7 @@ from suta_calib.report.poses import (
     fitted_rows,
     residuals_file,
 )
+from suta_calib.report.uncertainty import budget_record
 from suta_calib.units import deg, text
 
 NAME: Final = "pivot"
@@ -64,6 +65,7 @@ def pivot_document(calibration: PivotCalibration, data: ToolPoses) -> Document:
     record |= {
         **fitted_rows(calibration, data.lines),
         "covariance": covariance_record(calibration.covariance, order, "m²"),
+        "uncertainty": [budget_record(calibration.budget)],
         "input": str(data.path),
     }
     about = NAME, "Pivot calibration", calibration.assessment

@@ -12,10 +12,10 @@ four times.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Final
+from typing import Final, Literal
 
 import numpy as np
 
@@ -35,6 +35,7 @@ from suta_calib.solver.information import Information, Rows, scaled_inverse
 from suta_calib.solver.problem import Problem
 from suta_calib.terms.block import grouped_rows, summed
 
+Source = Literal["scatter", "priors", "artefact", "noise levels", "seating", "sensors"]
 # Touches from which on none has leverage worth freeing residuals of.
 MANY_TOUCHES: Final = 2000
 
@@ -66,10 +67,20 @@ class Spread:
 
         What holds for other data of the same instrument, artefact or board.
         """
-        parts = self._parts
-        by_sensors = felt_noise_error(self.fit)
-        beside = seating_covariance(self.fit) + np.outer(by_sensors, by_sensors)
-        return np.asarray(parts.scatter + parts.artefact + self.learned + beside)
+        return np.asarray(sum(self.by_source.values()))
+
+    @cached_property
+    def by_source(self) -> Mapping[Source, FloatArray]:
+        """`within_scale` by origin, (n, n) each."""
+        parts, by_sensors = self._parts, felt_noise_error(self.fit)
+        return {
+            "scatter": parts.scatter,
+            "priors": parts.priors,
+            "artefact": parts.artefact,
+            "noise levels": self.learned,
+            "seating": seating_covariance(self.fit),
+            "sensors": np.outer(by_sensors, by_sensors),
+        }
 
     @cached_property
     def held(self) -> HeldGeometry | None:
@@ -109,13 +120,14 @@ class Spread:
 class CovarianceParts:
     """The covariance of an estimate by origin.
 
-    ``scatter`` (n, n) is of what differs from touch to touch, and of the priors, ``artefact`` (n,
-    n) of certified coordinates, whose errors all touches share; ``scale`` (n, carriers) is the
-    derivative by each scale, of which ``scale_std`` is the standard deviation: as it is stated, or
-    less where the residuals tell it.
+    ``scatter`` (n, n) is of what differs from touch to touch, ``priors`` (n, n) of the priors,
+    ``artefact`` (n, n) of certified coordinates, whose errors all touches share; ``scale`` (n,
+    carriers) is the derivative by each scale, of which ``scale_std`` is the standard deviation: as
+    it is stated, or less where the residuals tell it.
     """
 
     scatter: FloatArray
+    priors: FloatArray
     artefact: FloatArray
     scale: FloatArray
     scale_std: FloatArray
@@ -130,7 +142,7 @@ class CovarianceParts:
     @property
     def total(self) -> FloatArray:
         """(n, n) their sum."""
-        return np.asarray(self.scatter + self.artefact + self.of_scale)
+        return np.asarray(self.scatter + self.priors + self.artefact + self.of_scale)
 
 
 def observed_parts(fit: Fitted, touches: Sequence[IntArray] | None = None) -> CovarianceParts:
@@ -157,12 +169,13 @@ def observed_parts(fit: Fitted, touches: Sequence[IntArray] | None = None) -> Co
         rows, off = without_shared_errors(fit, rows, both, touches)
         inexact = np.flatnonzero(scale_std)
         scale_std[inexact] = off[len(off) - len(inexact) :]
-    scatter = bread @ prior @ bread
+    scatter = np.zeros_like(bread)
     for term, touch in zip(problem.terms, touches, strict=True):
         mine = [r for r in rows if any(r.line.view.block is b for b in term.blocks)]
         scatter += _clustered_variance(mine, touch, bread)
     return CovarianceParts(
         scatter,
+        bread @ prior @ bread,
         by_artefact @ by_artefact.T,
         by_scale,
         scale_std,

@@ -127,8 +127,8 @@ def held_geometry(fit: Fitted, within: FloatArray, *, robust: bool = True) -> He
     followed = follow @ silent
     variances, axes = np.linalg.eigh(within[np.ix_(free, free)])
     noise = axes * np.sqrt(np.maximum(variances, 0.0))
-    beside = _registered_motion(wider, held, noise, np.zeros((len(held), len(free))))
-    motion = _registered_motion(wider, held, followed, silent)
+    beside = registered_motion(wider, held, noise, np.zeros((len(held), len(free))))
+    motion = registered_motion(wider, held, followed, silent)
     _, sizes, mixed = np.linalg.svd(motion, full_matrices=False)
     tip = sizes / math.sqrt(len(motion) / 3)
     # Motion of the tip, m, that no arm shows.
@@ -191,7 +191,7 @@ def _departures(fit: Fitted, within: FloatArray, keys: tuple[str, ...], robot: s
     return math.sqrt(max(float(np.mean(squares)), 0.0)) if squares else 0.0
 
 
-def _registered_motion(
+def registered_motion(
     fit: Fitted, held: IntArray, followed: FloatArray, silent: FloatArray
 ) -> FloatArray:
     """(3 s, k) motion of the tip at some samples by each direction, less that of the whole arm."""

@@ -41,6 +41,7 @@ from suta_calib.trust.rule import Rule
 from suta_calib.trust.scale_effects import ScaleEffect, scale_effects
 from suta_calib.trust.score_tests import Residuals, ScoreTest
 from suta_calib.trust.subsampled import thinned
+from suta_calib.trust.uncertainty_budget import UncertaintyBudget, tip_budget
 
 
 @dataclass(frozen=True, eq=False)
@@ -181,6 +182,11 @@ class CalibrationExamination(Examination):
     def scale_effects(self) -> tuple[ScaleEffect, ...]:
         """Sources of the arm's scale, with their effects; empty without convergence."""
         return scale_effects(self.solution) if self.solution.converged else ()
+
+    @cached_property
+    def tip_budget(self) -> UncertaintyBudget | None:
+        """What the uncertainty of the tip is made of; None where nothing moves it."""
+        return tip_budget(self.solution) if self.solution.converged else None
 
     # ── what may be wrong ───────────────────────────────────────────────────────────────────
     @cached_property

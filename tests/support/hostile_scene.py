@@ -184,6 +184,9 @@ GIVEN = {
         "--out",
         out_is_file=True,
     ),
+    "certificate": Given(
+        ("calibrated/result.json",), ("calibrated/result.json",), "--out", out_is_file=True
+    ),
     "iso10360": Given(("iso.yaml",), ("iso.yaml", URDF, "visits.csv"), "--out"),
 }
 

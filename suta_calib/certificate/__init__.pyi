@@ -1,0 +1,10 @@
+from .content import Content as Content
+from .content import Decision as Decision
+from .content import Group as Group
+from .content import Quantity as Quantity
+from .dcc import dcc_record as dcc_record
+from .details import Details as Details
+from .details import read_details as read_details
+from .issued import Certificate as Certificate
+from .issued import certificate_of as certificate_of
+from .paper import pdf_bytes as pdf_bytes

@@ -1,0 +1,132 @@
+"""The calibration of an arm on paper."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+
+from suta_calib.certificate.answer import CertifiedAnswer, Record, budgets, factor_of, scales, si
+from suta_calib.certificate.content import Content, Group, Quantity
+from suta_calib.certificate.poses import pose_quantities
+from suta_calib.units import Unit, text
+from suta_calib.words import listed
+
+
+class CalibrationOfArm(CertifiedAnswer):
+    """What ``calibrate`` wrote."""
+
+    name = "calibrate"
+    mark = "parameters"
+
+    def content(self, record: Record) -> Content:
+        """Parameters, poses beside the arm, the tip's uncertainty and the validation errors."""
+        found = budgets(record)
+        factor = factor_of(found)
+        estimated = {n: p for n, p in record["parameters"].items() if p["std"] is not None}
+        # Those of a pose stand with it.
+        posed = tuple(f"{name}." for name in record.get("external_poses") or ())
+        parameters = tuple(
+            _parameter(name, entry, factor)
+            for name, entry in estimated.items()
+            if not name.startswith(posed)
+        )
+        judged = dict(_judged(record))
+        if found:
+            tip = found[0].expanded
+            judged["tip"] = Quantity("expanded uncertainty of the tip", tip, found[0].unit)
+        kinds = sorted({row["kind"] for row in record["noise"]})
+        starts = len(record["solver"]["starts"])
+        return Content(
+            title="Calibration of a kinematic chain",
+            measurand=(
+                f"{len(estimated)} parameters of the kinematic model of the chain and of what it "
+                "was measured with, and the position of its tip that follows from them. "
+                f"{len(record['unidentified'])} parameters that these data cannot determine kept "
+                "their nominal values."
+            ),
+            method=(
+                f"All parameters were estimated at once by robust least squares from observations "
+                f"of the kind {listed(kinds)}; number of starting points: {starts} (solver: "
+                f"{record['solver']['name']}). Standard uncertainties follow from the scatter of "
+                "independent measurements (cluster-robust covariance) and from the stated "
+                "uncertainties of the reference standards, combined by JCGM 100:2008 (GUM)."
+            ),
+            groups=(
+                *_tip_group(record),
+                *_poses(record, factor),
+                Group(
+                    "Parameters",
+                    parameters,
+                    "By joint, in the convention of a URDF: x, y, z and rx, ry, rz of its origin, "
+                    "offset of its reading. What is not listed kept its nominal value.",
+                ),
+            ),
+            budgets=found,
+            checked=tuple(_validation(record)),
+            judged=judged,
+            standards=scales(record),
+            notes=tuple(record["verdict"]["notes"]),
+        )
+
+
+def _parameter(name: str, entry: Record, factor: float) -> Quantity:
+    unit: Unit = entry["unit"]
+    remark = "mostly from its prior" if entry["state"] == "prior" else ""
+    return Quantity(name, float(entry["value"]), unit, float(entry["std"]), factor, remark)
+
+
+def _tip_group(record: Record) -> Iterator[Group]:
+    for budget in budgets(record):
+        about = (
+            "Expanded uncertainty of the tip from the calibration alone. The scatter of a single "
+            "use of the arm comes on top: see the validation errors."
+        )
+        tip = Quantity(budget.of, math.nan, budget.unit, budget.std, budget.factor)
+        yield Group("Tip", (tip,), about)
+
+
+def _poses(record: Record, factor: float) -> Iterator[Group]:
+    for name, pose in (record.get("external_poses") or {}).items():
+        rows = pose_quantities(
+            pose["position_mm"],
+            pose["position_std_mm"],
+            pose.get("rpy_deg"),
+            pose.get("rotation_std_deg"),
+            factor,
+        )
+        yield Group(f"Pose of {name} in the {pose['within']}", tuple(rows))
+
+
+def _errors(record: Record) -> Iterator[tuple[str, Mapping[str, float | None], Unit]]:
+    for name in ("validation", "calibration"):
+        after = (record["metrics"].get(name) or {}).get("after") or {}
+        if after.get("count"):
+            yield name, after, "m" if "rms_mm" in after else "rad" if "rms_deg" in after else "px"
+
+
+def _validation(record: Record) -> Iterator[tuple[str, str]]:
+    for name, after, unit in _errors(record):
+        label = "left out of the fit (validation)" if name == "validation" else "fitted"
+        figures = ", ".join(
+            f"{what} {text(si(after, key, unit), unit, with_unit=True)}"
+            for what, key in (("RMS", "rms"), ("mean", "mean"), ("largest", "max"))
+        )
+        yield f"errors of {after['count']:,} rows {label}", figures
+    for row in record.get("held_out") or ():
+        if row["count"]:
+            yield (
+                f"{row['count']:,} validation errors of {row['kind']}",
+                f"{row['within_68_pct']:.0f} % within one and {row['within_95_pct']:.0f} % within "
+                "predicted standard deviations",
+            )
+
+
+def _judged(record: Record) -> Iterator[tuple[str, Quantity]]:
+    """Validation errors. Their uncertainty is how well so many rows tell a root mean square."""
+    for name, after, unit in _errors(record):
+        if name == "validation":
+            rms, count = si(after, "rms", unit), float(after["count"] or 1)
+            std = rms / (2.0 * count) ** 0.5
+            yield "validation_rms", Quantity("RMS validation error", rms, unit, std)
+            largest = si(after, "max", unit)
+            yield "validation_max", Quantity("largest validation error", largest, unit)

@@ -1,0 +1,53 @@
+"""An acceptance test by ISO 10360-12 on paper."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from suta_calib.certificate.answer import CertifiedAnswer, Record
+from suta_calib.certificate.content import Content, Decision, Group, Outcome, Quantity
+from suta_calib.units import from_mm
+
+# Of the answer's words.
+OUTCOMES: Final[dict[str, Outcome]] = {"pass": "conforms", "fail": "does not conform"}
+
+
+class AcceptanceOnPaper(CertifiedAnswer):
+    """What ``iso10360`` wrote."""
+
+    name = "iso10360"
+    mark = "characteristics"
+
+    def content(self, record: Record) -> Content:
+        """Every characteristic with its limit and decision, as the test took it."""
+        rows, decisions = list[Quantity](), list[Decision]()
+        for entry in record["characteristics"]:
+            value = from_mm(float(entry["value_mm"]))
+            expanded = from_mm(float(entry["expanded_uncertainty_mm"] or 0.0))
+            where = f"at {entry['where']}" if entry.get("where") else ""
+            rows.append(Quantity(entry["symbol"], value, "m", expanded / 2.0, 2.0, where))
+            if entry.get("limit_mm") is not None:
+                limit = from_mm(float(entry["limit_mm"]))
+                outcome = OUTCOMES.get(str(entry["decision"]), "no decision")
+                decisions.append(Decision(entry["symbol"], value, expanded, limit, "m", outcome))
+        rule = record["decision_rule"]
+        return Content(
+            title="Acceptance test of an articulated arm coordinate measuring machine",
+            measurand=f"Characteristics of {record['standard']}.",
+            method=(
+                f"After {record['standard']}, simplified where the notes say so. Decision rule: "
+                f"{rule['kind']}, coverage factor {rule['factor']:g}."
+            ),
+            groups=(Group("Characteristics", tuple(rows)),),
+            checked=(
+                (
+                    "lengths",
+                    f"{record['lengths']['count']} measured, RMS error "
+                    f"{record['lengths']['rms_mm']:.3f} mm",
+                ),
+            )
+            if record.get("lengths")
+            else (),
+            decisions=tuple(decisions),
+            notes=(*record.get("simplified", ()), *record["verdict"]["notes"]),
+        )

@@ -1,0 +1,46 @@
+"""A registration of corresponding points on paper."""
+
+from __future__ import annotations
+
+from suta_calib.certificate.answer import CertifiedAnswer, Record, budgets, factor_of
+from suta_calib.certificate.content import Content, Group
+from suta_calib.certificate.poses import AXES, pose_quantities
+
+
+class RegistrationOnPaper(CertifiedAnswer):
+    """What ``register`` wrote."""
+
+    name = "register"
+    mark = "T_b_a"
+
+    def content(self, record: Record) -> Content:
+        """The pose between two sets of points."""
+        found = budgets(record)
+        std, counts = record["std"], record["counts"]
+        rows = tuple(
+            pose_quantities(
+                record["position_mm"],
+                [std[f"{axis}_mm"] for axis in AXES],
+                record["rpy_deg"],
+                [std[f"r{axis}_deg"] for axis in AXES],
+                factor_of(found),
+            )
+        )
+        return Content(
+            title="Registration of corresponding points",
+            measurand="Rigid transform T_b_a from the frame of the first points to the second's.",
+            method=(
+                "Robust least squares of the distances between corresponding points, from a closed "
+                "form. Standard uncertainties follow from the scatter of the points and the stated "
+                "uncertainty of the scale, combined by JCGM 100:2008 (GUM)."
+            ),
+            groups=(Group("T_b_a", rows),),
+            budgets=found,
+            checked=(
+                ("points that were used", f"{counts['inliers']} of {counts['rows']}"),
+                ("residuals, RMS (3-D)", f"{record['rms_mm']:.3f} mm"),
+            ),
+            judged={row.name: row for row in rows if row.std is not None},
+            standards=(f"lengths of both sets agree to {record['scale_ppm']:g} ppm",),
+            notes=tuple(record["verdict"]["notes"]),
+        )

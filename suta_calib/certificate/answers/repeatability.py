@@ -1,0 +1,43 @@
+"""The repeatability of an arm on paper."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from suta_calib.certificate.answer import CertifiedAnswer, Record, si
+from suta_calib.certificate.content import Content, Group, Quantity
+
+
+class RepeatabilityOnPaper(CertifiedAnswer):
+    """What ``repeatability`` wrote about visits to a point."""
+
+    name = "repeatability"
+    mark = "visits"
+
+    def content(self, record: Record) -> Content:
+        """Pose repeatability RP and the RMS deviation, of all visits and of each protocol."""
+        confidence = float(record["confidence_pct"])
+        groups = [Group("All visits", tuple(_figures(record["position"], confidence)))]
+        for name, part in (record.get("protocols") or {}).items():
+            groups.append(Group(f"Protocol {name}", tuple(_figures(part, confidence))))
+        return Content(
+            title="Repeatability of a measuring arm",
+            measurand=(
+                "Repeatability RP of the position of the tip (mean distance from the barycentre "
+                "plus three standard deviations), and root mean square distance from it."
+            ),
+            method="Visits to one point, evaluated after ISO 9283:1998, 7.2.",
+            groups=tuple(groups),
+            judged={row.name: row for row in groups[0].quantities},
+            notes=tuple(record["verdict"]["notes"]),
+        )
+
+
+def _figures(part: Record, confidence: float) -> Iterator[Quantity]:
+    for name, key in (("RP", "rp"), ("RMS", "rms")):
+        low, high = part[f"{key}_interval_mm"]
+        remark = f"{confidence:.0f} % confidence interval {low:.3f} to {high:.3f} mm"
+        value = si(part, key, "m")
+        # A sample's spread has no symmetric interval: the guard band is its farther end.
+        spread = max(abs(high - part[f"{key}_mm"]), abs(part[f"{key}_mm"] - low)) / 2000.0
+        yield Quantity(name, value, "m", spread, 2.0, f"{part['count']} visits; {remark}")

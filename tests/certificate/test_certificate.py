@@ -1,0 +1,263 @@
+"""Certificates: every figure is the answer's, on paper and as JSON; what is missing is said."""
+
+from __future__ import annotations
+
+import io
+import json
+import math
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+from cli_job import answer, cli, printed, refused
+from hypothesis import given
+from hypothesis import strategies as st
+from pypdf import PdfReader
+
+from suta_calib.certificate import (
+    Decision,
+    Quantity,
+    certificate_of,
+    dcc_record,
+    pdf_bytes,
+    read_details,
+)
+from suta_calib.certificate.answer import known_answers
+from suta_calib.certificate.details import EXAMPLE, details_to_fill_in
+from suta_calib.errors import InputError, UnusableResultError
+
+# What each command is given, and the JSON that it writes.
+COMMANDS = {
+    "calibrate": ("examples/so101_printed_sheet/calibration.yaml", "--out"),
+    "pivot": ("data/poses/pivot.csv", "--out"),
+    "hand-eye": ("data/poses/hand_eye.csv", "--out"),
+    "register": ("data/poses/register_a.csv", "data/poses/register_b.csv", "--out"),
+    "iso10360": ("data/accuracy/iso10360.yaml", "--out"),
+    "repeatability": (
+        *("data/accuracy/visits.csv", "--urdf", "urdf/suta.urdf", "--tip", "tip"),
+        "--out",
+    ),
+    "certify": (
+        *("data/artefact/points.csv", "--nominal", "data/suta/artefact.yaml"),
+        "--report",
+    ),
+}
+
+
+@pytest.fixture(scope="module")
+def answers(tmp_path_factory: pytest.TempPathFactory, repository: Path) -> Callable[[str], Path]:
+    """The folder of results of a command, computed once."""
+    folder, made = tmp_path_factory.mktemp("answers"), dict[str, Path]()
+
+    def of(command: str) -> Path:
+        if command not in made:
+            words = [
+                str(repository / word) if (repository / word).is_file() else word
+                for word in COMMANDS[command]
+            ]
+            made[command] = folder / command
+            assert cli(command, *words, made[command]) == 0
+        return made[command]
+
+    return of
+
+
+@pytest.fixture
+def details(tmp_path: Path) -> Path:
+    path = tmp_path / "details.yaml"
+    path.write_text(EXAMPLE.replace("limits: {validation_rms_mm: 0.5}\n", ""), encoding="utf-8")
+    return path
+
+
+def paper_of(pdf: bytes) -> str:
+    return "\n".join(page.extract_text() for page in PdfReader(io.BytesIO(pdf)).pages)
+
+
+def test_every_kind_of_answer_is_tried() -> None:
+    assert set(COMMANDS) == set(known_answers())
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_paper_and_json_say_what_the_answer_says(
+    command: str, answers: Callable[[str], Path], details: Path
+) -> None:
+    certificate = certificate_of(answers(command), read_details(details))
+    record, words = dcc_record(certificate), paper_of(pdf_bytes(certificate))
+    json.dumps(record, allow_nan=False)
+    for group in certificate.content.groups:
+        assert group.quantities
+        assert " ".join(group.title.split()) in " ".join(words.split())
+    said = record["measurementResults"]["results"]
+    assert len(said) == len(certificate.content.groups)
+    for part in ("Measurand", "Method", "Conditions", "Reference standards", "Results"):
+        assert part in words
+    for part in ("Uncertainty", "Software and data", "Signatures", "page 1 of"):
+        assert part.lower() in words.lower()
+    for digest in certificate.inputs.values():
+        assert digest in words
+    # Nothing is lost for a font that lacks a sign.
+    assert "\ufffd" not in words
+
+
+def test_the_figures_of_a_calibration_are_those_of_its_result(
+    answers: Callable[[str], Path],
+) -> None:
+    folder = answers("calibrate")
+    result: dict[str, Any] = json.loads((folder / "result.json").read_text(encoding="utf-8"))
+    certificate = certificate_of(folder)
+    quantities = {q.name: q for g in certificate.content.groups for q in g.quantities}
+    estimated = {n: p for n, p in result["parameters"].items() if p["std"] is not None}
+    assert estimated
+    for name, parameter in estimated.items():
+        if name in quantities:
+            assert quantities[name].value == parameter["value"]
+            assert quantities[name].std == parameter["std"]
+    (budget,) = result["uncertainty"]
+    assert certificate.content.budgets[0].expanded * 1e3 == pytest.approx(budget["expanded_mm"])
+    squares = sum(part["std_mm"] ** 2 for part in budget["contributions"])
+    assert math.sqrt(squares) == pytest.approx(budget["std_mm"])
+    rms = result["metrics"]["validation"]["after"]["rms_mm"]
+    assert certificate.content.judged["validation_rms"].value * 1e3 == pytest.approx(rms)
+    words = paper_of(pdf_bytes(certificate))
+    assert f"{rms:.3f} mm" in words
+
+
+def test_the_parts_of_a_pivot_s_budget_give_its_std(answers: Callable[[str], Path]) -> None:
+    result = json.loads((answers("pivot") / "result.json").read_text(encoding="utf-8"))
+    (budget,) = result["uncertainty"]
+    tip = math.sqrt(sum(std**2 for std in result["tip_std_mm"]) / 3.0)
+    assert budget["std_mm"] == pytest.approx(tip)
+    kinds = [part["evaluation"] for part in budget["contributions"]]
+    assert kinds[:2] == ["A", "B"]
+
+
+def test_the_command_writes_both_files_and_says_what_is_missing(
+    answers: Callable[[str], Path], tmp_path: Path
+) -> None:
+    out = tmp_path / "certificate.pdf"
+    said = printed("certificate", answers("pivot"), "--out", out)
+    assert "does not state the laboratory" in said
+    assert "no metrological traceability" in " ".join(said.split())
+    assert out.read_bytes().startswith(b"%PDF-")
+    assert json.loads(out.with_suffix(".json").read_text(encoding="utf-8"))["schemaVersion"]
+    letter = PdfReader(io.BytesIO(_written(answers("pivot"), tmp_path, "letter"))).pages[0]
+    assert (letter.mediabox.width, letter.mediabox.height) == (612, 792)
+
+
+def _written(folder: Path, tmp_path: Path, paper: str) -> bytes:
+    out = tmp_path / f"{paper}.pdf"
+    assert cli("certificate", folder, "--paper", paper, "--out", out) == 0
+    return out.read_bytes()
+
+
+def test_fonts_are_embedded_and_the_same_answer_is_the_same_file(
+    answers: Callable[[str], Path],
+) -> None:
+    certificate = certificate_of(answers("pivot"))
+    first = pdf_bytes(certificate)
+    assert first == pdf_bytes(certificate)
+    fonts: Any = PdfReader(io.BytesIO(first)).pages[0]["/Resources"]
+    for font in fonts["/Font"].values():
+        (below,) = font.get_object()["/DescendantFonts"]
+        assert "/FontFile2" in below.get_object()["/FontDescriptor"]
+
+
+def test_details_are_on_the_paper(answers: Callable[[str], Path], details: Path) -> None:
+    certificate = certificate_of(answers("pivot"), read_details(details))
+    words = " ".join(paper_of(pdf_bytes(certificate)).split())
+    for part in ("2026-001", "measuring arm", "serial 0001", "19.8 to 20.4 °C", "2 um (k = 2)"):
+        assert part in words
+    assert certificate.missing == ()
+    assert certificate.assessment.level == "good"
+
+
+def test_the_file_to_fill_in_is_read(tmp_path: Path, answers: Callable[[str], Path]) -> None:
+    path = tmp_path / "new.yaml"
+    assert cli("certificate", "--new-details", path) == 0
+    assert path.read_text(encoding="utf-8") == details_to_fill_in()
+    assert read_details(path).number == "2026-001"
+    filled = "\n".join(
+        line.removeprefix("# ") for line in path.read_text(encoding="utf-8").splitlines()[3:]
+    )
+    assert yaml.safe_load(filled) == yaml.safe_load(EXAMPLE)
+
+
+@pytest.mark.parametrize(("limit", "outcome"), [(100.0, "conforms"), (1e-6, "does not conform")])
+def test_limits_are_decided(
+    limit: float, outcome: str, answers: Callable[[str], Path], tmp_path: Path
+) -> None:
+    path = tmp_path / "d.yaml"
+    path.write_text(f"limits: {{validation_rms_mm: {limit}}}\n", encoding="utf-8")
+    out = tmp_path / "c.pdf"
+    found = answer("certificate", answers("calibrate"), "--details", path, "--out", out)
+    assert [row["outcome"] for row in found["decisions"]] == [outcome]
+    assert outcome in paper_of(out.read_bytes())
+
+
+@given(st.floats(-10, 10), st.floats(0, 5), st.floats(0.01, 10))
+def test_a_guard_band_accepts_and_rejects_only_beyond_the_uncertainty(
+    value: float, std: float, limit: float
+) -> None:
+    decided = Decision.of(Quantity("q", value, "m", std), limit)
+    surely_inside = abs(value) + 2 * std <= limit
+    surely_outside = abs(value) - 2 * std > limit
+    expected = "conforms" if surely_inside else "no decision"
+    assert decided.outcome == ("does not conform" if surely_outside else expected)
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("limits: {validation_rms: 1}\n", "validation_rms_mm"),
+        ("limits: {validation_rms_mm: -1}\n", "positive"),
+        ("limits: {validation_rms_mm: .nan}\n", "number"),
+        ("numbr: 3\n", "number"),
+        ("number: 3\n", "put it in quotes"),
+        ("environment: {temperature_c: [21, 20]}\n", "smaller number first"),
+        ("environment: {temperature_c: [20]}\n", "2 numbers"),
+        ("standards: [{serial: a}]\n", "name"),
+        ("", "empty"),
+        ("number: [\n", "YAML"),
+    ],
+)
+def test_malformed_details_are_refused(
+    text: str, said: str, answers: Callable[[str], Path], tmp_path: Path
+) -> None:
+    path, out = tmp_path / "d.yaml", tmp_path / "c.pdf"
+    path.write_text(text, encoding="utf-8")
+    error = refused("certificate", answers("calibrate"), "--details", path, "--out", out)
+    assert "d.yaml" in error
+    assert said in error
+    assert not out.exists()
+
+
+def test_an_answer_that_was_changed_or_must_not_be_used_gets_none(
+    answers: Callable[[str], Path], tmp_path: Path
+) -> None:
+    folder = tmp_path / "copy"
+    shutil.copytree(answers("pivot"), folder)
+    with (folder / "residuals.csv").open("a", encoding="utf-8") as file:
+        file.write("\n")
+    with pytest.raises(InputError, match=r"residuals.csv, which was changed"):
+        certificate_of(folder)
+    record = json.loads((folder / "result.json").read_text(encoding="utf-8"))
+    record["verdict"] |= {"level": "bad", "usable": False}
+    (folder / "result.json").write_text(json.dumps(record), encoding="utf-8")
+    with pytest.raises(UnusableResultError):
+        certificate_of(folder)
+    (folder / "result.json").write_text('{"tip_mm": [1, 2]}', encoding="utf-8")
+    with pytest.raises(InputError, match="compute it again"):
+        certificate_of(folder)
+    (folder / "result.json").write_text('{"a": 1}', encoding="utf-8")
+    with pytest.raises(InputError, match="no certificate"):
+        certificate_of(folder)
+
+
+def test_the_paper_needs_a_name_of_its_own(answers: Callable[[str], Path], tmp_path: Path) -> None:
+    for out in (tmp_path / "c.json", tmp_path / "none" / "c.pdf"):
+        assert cli("certificate", answers("pivot"), "--out", out) == 2
+    assert cli("certificate", answers("pivot")) == 2
+    assert cli("certificate", "--out", tmp_path / "c.pdf") == 2
