@@ -404,7 +404,8 @@ def write_table(args: argparse.Namespace) -> None:
     """`TABLE`, of what was counted."""
     before = counted_in(args.keep)
     lines = [
-        "*Simulated; `python benchmarks/check_study.py` counts, and `--table` writes this table. "
+        "*Simulated; `python benchmarks/check_study.py --keep FILE` counts, and with `--table` it "
+        "writes this table. "
         "1 % was asked for.*",
         "",
         "| kind | arm | checks | calibrations | false alarms, % (95 %) | p < 5 % | bad rows |",
