@@ -43,7 +43,7 @@ class ShownArm:
         api: of the server.
         drawn: the arm.
         solid: whether it is the one that is looked at; the other is seen through.
-        colour: of the other.
+        colour, opaque: of the other: how it looks, and how little is seen through it.
 
     Attributes:
         root, chain: names of its node, and of the lines'.
@@ -51,7 +51,13 @@ class ShownArm:
     """
 
     def __init__(
-        self, api: viser.SceneApi, drawn: DrawnArm, *, solid: bool, colour: Colour = NOMINAL
+        self,
+        api: viser.SceneApi,
+        drawn: DrawnArm,
+        *,
+        solid: bool,
+        colour: Colour = NOMINAL,
+        opaque: float = 0.3,
     ) -> None:
         self.drawn, self.root = drawn, f"/{drawn.name}"
         self.whole = api.add_frame(self.root, show_axes=False)
@@ -67,7 +73,7 @@ class ShownArm:
         ]
         for k, mesh in enumerate(drawn.meshes):
             red, green, blue, alpha = mesh.colour
-            opacity = alpha / 255 * (1.0 if solid else 0.3)
+            opacity = alpha / 255 * (1.0 if solid else opaque)
             api.add_mesh_simple(
                 f"{self.node(mesh.link)}/shape_{k}",
                 mesh.vertices.astype(np.float32),

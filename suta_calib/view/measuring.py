@@ -55,11 +55,11 @@ class MeasuredArm:
         drawn = DrawnArm("arm", arm, {}, link_meshes(*arm.urdf))
         scene = ArmScene(title, (drawn,), InverseKinematics(arm, {}).middle)
         self._viewer = Viewer(scene, port, host, site)
-        self._drawn: list[Any] = []
+        self._arm, self._drawn = arm, list[Any]()
         self._ghost: ShownArm | None = None
         self.seen = False
         # Of the arm's size: large enough to be found, small enough to be told apart.
-        self._size = 0.008 * float(np.linalg.norm(np.ptp(scene.extent, axis=0)))
+        self._size = 0.011 * float(np.linalg.norm(np.ptp(scene.extent, axis=0)))
 
     def __enter__(self) -> MeasuredArm:
         return self
@@ -77,9 +77,11 @@ class MeasuredArm:
         if not self.seen:
             scene = replace(self._viewer.scene, q=q)
             first = self._viewer.server.initial_camera
-            position, first.look_at = camera_view(scene)
-            # Nearer than a whole scene is looked at: what counts is at the tip.
-            first.position = first.look_at + 0.85 * (position - first.look_at)
+            position, middle = camera_view(scene)
+            # What counts is at the tip, and the places around it are beyond the arm: a part of the
+            # way there, and from a bit farther off.
+            first.look_at = middle + 0.4 * (self._arm.forward(q)[1] - middle)
+            first.position = first.look_at + 1.2 * (position - middle)
             draw_floor(self._viewer.server.scene, scene)
             self.seen = True
         self._viewer.move(q)
@@ -89,7 +91,8 @@ class MeasuredArm:
         if self._ghost is None and q is not None:
             drawn = replace(self._viewer.arms[0].drawn, name="goal")
             api = self._viewer.server.scene
-            self._ghost = ShownArm(api, drawn, solid=False, colour=_COLOURS["planned"])
+            pink = _COLOURS["planned"]
+            self._ghost = ShownArm(api, drawn, solid=False, colour=pink, opaque=0.6)
         if self._ghost is not None:
             with self._viewer.server.atomic():
                 self._ghost.whole.visible = q is not None
