@@ -39,7 +39,7 @@ from suta_calib.pose_calibration.picture_likelihood import (
     PriorKnowledge,
 )
 from suta_calib.pose_calibration.picture_models import Chosen, choose_model
-from suta_calib.pose_calibration.picture_rows import PictureRows
+from suta_calib.pose_calibration.picture_rows import LensPictures, PictureRows
 from suta_calib.solver.noise_evidence import covariance_of_levels
 from suta_calib.solver.options import WeightOptions
 from suta_calib.solver.problem import Problem
@@ -63,11 +63,14 @@ class Hands:
             took pictures at the same one share what is wrong with it.
         spaces: spaces (poses, k) in which neighbours may err alike; 1 is far.
         shared: (poses, 6, k) errors that they share, by `shared_errors`.
+        lenses: of each camera the pictures that are not among the samples: what the hand says of
+            them is not believed, and they tell the camera's lens alone.
     """
 
     of_sample: IntArray
     spaces: Sequence[FloatArray]
     shared: FloatArray
+    lenses: Sequence[LensPictures | None]
 
 
 @dataclass(frozen=True)
@@ -165,7 +168,9 @@ def _settled(
     weights: list[FloatArray] | None = None
     now = problem
     for _ in range(rounds):
-        rows = PictureRows.about(now, x, free, hands.of_sample, hands.shared, list(boards), weights)
+        rows = PictureRows.about(
+            *(now, x, free, hands.of_sample, hands.shared, list(boards), weights, hands.lenses)
+        )
         # What neighbours share is found anew each time: the problem knows nothing of it.
         away = np.concatenate([(x - nominal)[free], sizes])
         prior = replace(prior, away=np.pad(away, (0, len(prior.away) - len(away))))

@@ -7,7 +7,7 @@ know of it only by their hand's pose, so that its sums follow from those of the 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from typing import Final, Self
 
@@ -23,6 +23,8 @@ from suta_calib.solver.compiled_residual import dense
 from suta_calib.solver.losses import huber_weight
 from suta_calib.solver.problem import Problem
 from suta_calib.terms import CameraView
+from suta_calib.terms.camera_alone import CameraState, PicturesSeen, refined
+from suta_calib.terms.intrinsics import HELD
 
 # No corner is found more finely, px: what is smaller is rounding.
 FINEST: Final = 1e-3
@@ -48,16 +50,66 @@ class CameraRows:
 
 
 @dataclass(frozen=True, eq=False)
+class LensSums:
+    """Number, JᵀJ (p, p), Jᵀr (p,) and rᵀr of corners, less what the board's poses take up."""
+
+    count: float
+    jj: FloatArray
+    jr: FloatArray
+    rr: float
+
+
+@dataclass(frozen=True, eq=False)
+class LensPictures:
+    """Pictures of one camera whose hand is not believed: their corners tell its lens alone.
+
+    Attributes:
+        owner: of the camera's intrinsics.
+        pictures: what was seen.
+        start: where the board is in each.
+    """
+
+    owner: str
+    pictures: PicturesSeen
+    start: CameraState
+
+    def about(self, names: Sequence[str], x: FloatArray, free: IntArray, width: int) -> LensSums:
+        """At parameters x, by the first of ``width`` unknowns, which are the free ones."""
+        jj, jr = np.zeros((width, width)), np.zeros(width)
+        keys = [f"{self.owner}.{key}" for key in self.pictures.lens.names]
+        if keys[0] not in names:
+            return LensSums(0.0, jj, jr, 0.0)
+        at = np.array([names.index(key) for key in keys])
+        start = replace(self.start, intrinsics=x[at])
+        state = refined(self.pictures, start, np.full(len(at), HELD), robust=False)
+        state = replace(state, intrinsics=x[at])
+        errors = self.pictures.errors(state)
+        if errors is None:
+            return LensSums(0.0, jj, jr, 0.0)
+        A, B = (J.reshape(len(J), -1, J.shape[-1]) for J in self.pictures.slopes(state))
+        both = np.concatenate([A, errors.reshape(len(A), -1, 1)], axis=2)
+        both = (both - B @ (np.linalg.pinv(B) @ both)).reshape(-1, both.shape[2])
+        estimated = np.isin(at, free)
+        columns = np.searchsorted(free, at[estimated])
+        J, r = both[:, :-1][:, estimated], both[:, -1]
+        jj[np.ix_(columns, columns)], jr[columns] = J.T @ J, J.T @ r
+        count = 2.0 * self.pictures.there.sum() - WAYS * len(B)
+        return LensSums(float(count), jj, jr, float(r @ r))
+
+
+@dataclass(frozen=True, eq=False)
 class PictureRows:
     """Corners of all cameras.
 
     Attributes:
         parts: of each camera.
         shared: (poses of the hand, 6, k) F of what they share; k may be 0.
+        lenses: of each camera what tells its lens alone; None of where there is nothing.
     """
 
     parts: tuple[CameraRows, ...]
     shared: FloatArray
+    lenses: tuple[LensSums | None, ...]
 
     @classmethod
     def about(
@@ -69,10 +121,12 @@ class PictureRows:
         shared: FloatArray,
         boards: Sequence[str] = (),
         weights: Sequence[FloatArray] | None = None,
+        lenses: Sequence[LensPictures | None] = (),
     ) -> Self:
         """Linearise at parameters x, by those that are free and by the sizes of ``boards``.
 
         Each sample has a pose of the hand, by number; corners of each camera have weights or 1.
+        Pictures of ``lenses``, one of each camera, tell its lens alone.
         """
         parts = []
         lines = problem.linearise(x, problem.assumed_sigmas())
@@ -95,7 +149,12 @@ class PictureRows:
                     np.ones(len(line.residual)) if weights is None else weights[k],
                 )
             )
-        return cls(tuple(parts), shared)
+        width = len(free) + len(boards)
+        of_lens = [
+            alone.about(problem.names, x, free, width) if alone else None
+            for alone in lenses or [None] * len(parts)
+        ]
+        return cls(tuple(parts), shared, tuple(of_lens))
 
     def at_hands(self, chosen: BoolArray) -> PictureRows:
         """The corners seen at some poses of the hand (poses,)."""
@@ -103,13 +162,13 @@ class PictureRows:
             CameraRows(*(getattr(part, field.name)[chosen[part.hand]] for field in fields(part)))
             for part in self.parts
         )
-        return PictureRows(parts, self.shared)
+        return PictureRows(parts, self.shared, (None,) * len(parts))
 
     @property
     def sums(self) -> Sums:
         """Over the corners, each weighed; unknowns, then what poses share."""
         groups, by_camera = len(self.shared), []
-        for part in self.parts:
+        for part, lens in zip(self.parts, self.lenses, strict=True):
             r, J, P, w = part.residual, part.jacobian, part.by_pose, part.weight
             wr, wJ, wP = w[:, None] * r, w[:, None, None] * J, w[:, None, None] * P
             pj = np.zeros((groups, WAYS, J.shape[2]))
@@ -120,9 +179,16 @@ class PictureRows:
             flat, width = wJ.reshape(-1, J.shape[2]), J.shape[2]
             jj, jr = J.reshape(-1, width).T @ flat, flat.T @ r.reshape(-1)
             # Rounding of this size is always there.
-            power = float(np.sum(wr * r)) + r.size * FINEST**2
+            power, count = float(np.sum(wr * r)) + r.size * FINEST**2, float(r.size)
+            if lens is not None:
+                jj, jr, power, count = (
+                    jj + lens.jj,
+                    jr + lens.jr,
+                    power + lens.rr,
+                    count + lens.count,
+                )
             jj, jr, pj = self._with_shared(jj, jr, pj, pr, pp)
-            by_camera.append((float(r.size), jj, jr, power, pj, pr, pp))
+            by_camera.append((count, jj, jr, power, pj, pr, pp))
         return Sums(*map(np.array, zip(*by_camera, strict=True)))
 
     def _with_shared(

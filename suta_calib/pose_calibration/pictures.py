@@ -48,7 +48,12 @@ from suta_calib.pose_calibration.picture_noise import (
     sizes_of_boards,
     weigh_pictures,
 )
-from suta_calib.pose_calibration.picture_rows import FINEST, PictureErrors, picture_errors
+from suta_calib.pose_calibration.picture_rows import (
+    FINEST,
+    LensPictures,
+    PictureErrors,
+    picture_errors,
+)
 from suta_calib.pose_calibration.sight import Sight
 from suta_calib.pose_calibration.undetermined import (
     NotFound,
@@ -61,6 +66,7 @@ from suta_calib.solver.solution import Solution
 from suta_calib.solver.solve import solve
 from suta_calib.solver.weights import Learned
 from suta_calib.terms import CameraView, MeasuredPoses, Noise
+from suta_calib.terms.camera_alone import CameraState, PicturesSeen, refined
 from suta_calib.terms.external_frame import pose_named
 from suta_calib.terms.hand_eye_start import (
     EYE_IN_HAND,
@@ -70,7 +76,7 @@ from suta_calib.terms.hand_eye_start import (
     loop_closures,
     some_poses,
 )
-from suta_calib.terms.intrinsics import ideal
+from suta_calib.terms.intrinsics import HELD, ideal
 from suta_calib.terms.misread_pictures import other_size
 from suta_calib.terms.surveyed_markers import SurveyedMarkers
 
@@ -155,7 +161,9 @@ def hand_eye_from_pictures(
     solution, believed = _settled(terms, good_ones, robust)
     for term in terms:
         refuse_undetermined(solution, term.owners[0], "X", ADVICE)
-    hands = _hands(solution)
+    hands = _hands(
+        solution, [_of_lens(*each, solution) for each in zip(terms, believed, strict=True)]
+    )
     weighed = weigh_pictures(solution.problem, solution.x, solution.free, hands)
     exact = [_exact(term, view, weighed) for term, view in zip(terms, views, strict=True)]
     if any(exact):
@@ -264,7 +272,34 @@ def _refuse_exchanged(terms: Sequence[CameraView], views: Sequence[View], seed: 
     refuse_exchanged_labels(hand, board, sight, terms[0].setup, seed, numbers[order])
 
 
-def _hands(solution: Solution) -> Hands:
+def _of_lens(term: CameraView, good: BoolArray, solution: Solution) -> LensPictures | None:
+    """The pictures that were left out for their hand; their corners are as good as others.
+
+    Of a fisheye they may be the only ones near the edge of the picture.
+    """
+    out = term.pictures.posed & ~good
+    if not out.any() or not term.free or isinstance(term.board, SurveyedMarkers):
+        return None
+    pixels = term.pixels[out]
+    there = np.asarray(np.isfinite(pixels).all(axis=2))
+    shown = np.where(there[..., None], pixels, 0.0)
+    seen = PicturesSeen(np.array(list(term.board.points.values())), shown, there, term.camera.lens)
+    R, p = term.seen_poses
+    held = np.full(len(term.camera.intrinsics), HELD)
+    state = refined(seen, CameraState(term.camera.intrinsics, R[out], p[out]), held, robust=False)
+    errors = seen.errors(state)
+    if errors is None:
+        return None
+    rms = np.sqrt(np.sum(errors**2, axis=(1, 2)) / there.sum(axis=1))
+    # So many times those of the other pictures: of one that is mirrored, or shows something else.
+    usual = picture_errors(term, solution.values).alone(good)
+    sound = rms <= 3.0 * max(usual, FINEST)
+    if not sound.any():
+        return None
+    return LensPictures(term.owners[2], seen.take(sound), state.take(sound))
+
+
+def _hands(solution: Solution, lenses: Sequence[LensPictures | None]) -> Hands:
     """Poses of the hand of every fitted picture.
 
     They are near each other by the hand, and where one camera saw the board, by the board in it.
@@ -282,7 +317,7 @@ def _hands(solution: Solution) -> Hands:
         for turn, shift in poses
         if np.isfinite(shift).all()
     ]
-    return Hands(hands.reshape(-1), spaces, shared_errors(R, p))
+    return Hands(hands.reshape(-1), spaces, shared_errors(R, p), lenses)
 
 
 def _exact(term: CameraView, view: View, weighed: Weighed) -> bool:

@@ -165,9 +165,9 @@ def test_no_least_squares_is_nearer_to_the_truth_or_predicts_better(given: Given
     nearest = np.min(np.mean(np.square(theirs), axis=0), axis=0)
     # Two seeds: the ratio of two means of squares scatters by as much.
     assert (np.mean(np.square(ours), axis=0) < 2.0 * nearest).all()
-    # The camera that is held was calibrated from the outliers' corners too, which are as good as
-    # others whatever the hand says. Of a fisheye they may be the only ones near the edge of the
-    # picture: one left-out picture 106° off the axis then decides, and a camera for each fold,
-    # without the pictures left out, predicts it as well. Only what sees neither is compared.
+    # The camera that is held was calibrated from the pictures left out and from the outliers' too.
+    # Of a fisheye the latter may be the only ones near the edge of the picture: where a hand-eye
+    # without them predicted one left-out picture, 106° off the axis, to 25,000 px², a camera for
+    # each fold from all pictures but those left out gave 500. Only what sees neither is compared.
     mine, _, free = np.sqrt(np.sum(left, axis=0))
     assert mine < 1.02 * free

@@ -181,6 +181,26 @@ def test_a_rectified_camera_has_no_distortion_to_hide_a_principal_point_in() -> 
     assert np.sqrt(np.mean(np.square(off))) < 0.2
 
 
+def test_a_picture_whose_hand_is_wrong_tells_of_the_lens_still() -> None:
+    """As if its pose of the hand were not known; X has nothing of it."""
+    scene = pictures(10, pixel=0.1, robot=(1e-4, 2e-4), given=None)
+    R, p = scene.hand.pose
+    off = np.arange(10)[:, None] == 4
+    wrong = replace(scene, hand=replace(scene.hand, pose=(R, p + np.where(off, 0.05, 0.0))))
+    (view,), rest = scene.views, ~off[:, 0]
+    kept = replace(view, corners=view.corners.take(view.corners.image != "004.png"))
+    lines = tuple(np.array(scene.hand.lines)[rest].tolist())
+    hand = replace(scene.hand, pose=(R[rest], p[rest]), image=scene.hand.image[rest], lines=lines)
+    without = replace(scene, hand=hand, views=(kept,))
+    (seen,), (lacking,) = (solved(each).cameras for each in (wrong, without))
+    assert seen.strange == ["004.png"]
+    assert not lacking.strange
+    assert seen.camera.stds is not None
+    assert lacking.camera.stds is not None
+    assert (seen.camera.stds[:5] < 0.999 * lacking.camera.stds[:5]).all()
+    assert np.abs(errors(seen)[:6] / seen.std["X"]).max() < 3.5
+
+
 @pytest.mark.parametrize(("true_focal", "exact"), [(1000.0, True), (1004.0, False)])
 def test_an_ideal_camera_is_exact_unless_pictures_deny_it(true_focal: float, exact: bool) -> None:
     """No lens is as a renderer's camera; who only guesses one is contradicted."""
