@@ -22,6 +22,7 @@ from suta_calib.acquisition.pictures import (
     RestPictures,
     Seen,
     SoughtBoard,
+    narrow_postures,
     nothing_seen,
 )
 from suta_calib.acquisition.raw import RawRecorder
@@ -513,6 +514,10 @@ class _Session:
                 f"deg or trembled by more than {deg(rest.tremble):.2g} deg. Seat it firmly and "
                 "let go, or allow more motion with --drift-deg or --tremble-deg"
             )
+        if self._options.camera is not None:
+            angles = [angles for _, angles in self._file.rows]
+            if advice := narrow_postures(self._plan.arm.joints, angles):
+                self._say(advice)
         if rows and self._run is not None and not self._run.done:
             self._say("run the same command with --resume to continue after the last sample")
         for line in self._lines:

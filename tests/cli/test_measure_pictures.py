@@ -11,7 +11,13 @@ from five_joints import AXES, urdf
 
 from suta_calib import ArmModel
 from suta_calib.acquisition.measuring import MeasureOptions
-from suta_calib.acquisition.pictures import FOLDER, NothingSeenError, RestPictures, SoughtBoard
+from suta_calib.acquisition.pictures import (
+    FOLDER,
+    NothingSeenError,
+    RestPictures,
+    SoughtBoard,
+    narrow_postures,
+)
 from suta_calib.arrays import FloatArray
 from suta_calib.emulation import EmulatedArm, EmulationOptions, Timing
 from suta_calib.emulation.emulated import emulated_device
@@ -83,6 +89,15 @@ def test_corners_are_found_as_pictures_are_taken(tmp_path: Path) -> None:
     assert len(corners) == 80
     np.testing.assert_allclose(corners.table(board.points), there, atol=0.2)
     assert (job / "front/corners.csv").read_text() == "image,point,u,v\n"
+
+
+def test_joints_that_moved_little_are_told() -> None:
+    """An angle beyond half a turn is that of its readings."""
+    angles = [np.radians(row) for row in ((170, 0, 0), (-175, 40, 20), (-100, 80, 45))]
+    told = narrow_postures(("pan", "lift", "roll"), angles)
+    assert "moved by less than 60 deg: roll 45. The farther" in told
+    assert not narrow_postures(("pan", "lift", "roll"), angles[:1])
+    assert not narrow_postures(("lift",), [row[1:2] for row in angles])
 
 
 def test_what_is_no_camera_is_refused(camera: str, tmp_path: Path) -> None:
