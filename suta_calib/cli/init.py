@@ -113,6 +113,7 @@ def init(
         if len(tips) != 1 or "=" in tips[0]:
             raise InputError(f"--pen with {len(tips)} tips", "one --tip", where="--pen")
         source, tips = with_pen(source, tips[0], Path(urdf).parent, out), (PEN,)
+        tree = read_tree(source)
     arm = _arm(source, tips, base)
     notes = [note for chain in arm.chained for note in chain.notes]
     for note in (*(made.notes if made else ()), *(f"{n}." for n in dict.fromkeys(notes))):
@@ -145,7 +146,20 @@ def init(
         )
     for file in files:
         click.echo(file.path)
-    click.echo(f"Next: fill in the samples, then suta-calib observe {quote(str(files[0].path))}")
+    click.echo(f"Next: {_next_step(files)}")
+
+
+def _next_step(files: Sequence[Template]) -> str:
+    """What to do with a new job: measure it, or fill it in where no device is known."""
+    job = quote(str(files[0].path))
+    paths = {file.path.name: quote(str(file.path)) for file in files}
+    if "device.yaml" not in paths:
+        return f"fill in the samples, then suta-calib observe {job}"
+    measure = f"suta-calib measure {job} --device {paths['device.yaml']} --placement table"
+    printed = [path for name, path in paths.items() if name.endswith(".svg")]
+    if not printed:
+        return measure
+    return f"print {listed(printed)} at 100 %, and measure with a ruler; then {measure}"
 
 
 def _arm(urdf: Path | XacroFile | str, tips: Sequence[str], base: str | None) -> AnyArm:

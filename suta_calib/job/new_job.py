@@ -71,10 +71,10 @@ grade: printed
 # A printer makes a sheet up to 1 % too long or too short, along x and along y by different factors:
 # both are estimated. But the data cannot separate their mean from the lengths of the arm: unless
 # the sheet is measured, the arm stays up to 1 % too long or too short, and the verdict says so.
-# So measure the sheet along both sides with a steel ruler, write the result into the positions, and
-# state how good the ruler was: 1000 ppm are 0.2 mm over 200 mm.
+# So measure the sheet with a steel ruler: from A3 to C3, and from A1 to A5. Uncomment the next line
+# with what it says; all positions follow. (If the ruler is not good to 0.2 mm, add scale_ppm.)
+# measured_mm: [160.0, 200.0]
 stretch: free
-# scale_ppm: 1000   # uncomment it as soon as the sheet is measured
 landmarks:
 """ + "".join(
     f"  {name}: {{position_mm: [{mm(at[0]):g}, {mm(at[1]):g}, 0], sigma_mm: 0.1}}\n"

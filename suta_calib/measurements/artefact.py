@@ -33,7 +33,7 @@ from suta_calib.measurements.samples import finite, rotation_matrix
 from suta_calib.measurements.scale import BODY_KEYS, LengthScale, read_stretch, scale_row
 from suta_calib.measurements.yaml_file import YamlSection, read_yaml
 from suta_calib.measurements.yaml_text import rounded, yaml_text
-from suta_calib.units import deg, mm
+from suta_calib.units import deg, from_mm, mm
 
 
 @dataclass(frozen=True, eq=False)
@@ -156,6 +156,14 @@ ARTEFACT_KEYS: Final = Fields(
     Field("name", TEXT, "Name of the artefact; default: the name of the file."),
     *BODY_KEYS,
     Field(
+        "measured_mm",
+        Value("x, y", lambda section, key: from_mm(np.array(section.numbers(key, 2)))),
+        "Distance between the outer landmarks along x, and along y, as measured with a ruler: all "
+        "positions become longer or shorter accordingly. The ruler is taken to be good to 0.2 mm "
+        "unless scale_ppm is stated.",
+        given_attribute="measured",
+    ),
+    Field(
         "twist",
         choice(("ccw", "cw"), "ccw or cw"),
         "Direction in which the plug is turned in its socket until it stops, seen from above "
@@ -210,8 +218,30 @@ def read_artefact(path: str | Path) -> Artefact:
             f"all landmarks within {mm(span):.3g} mm of one another",
             "positions in mm; these look like metres",
         )
+    measured = values.pop("measured", None)
+    if measured is not None:
+        factors, ruler = _measured(top, landmarks, measured)
+        scale = values.get("scale")
+        if "scale_ppm" not in top:
+            values["scale"] = LengthScale(ruler, "" if scale is None else scale.grade)
     stretch = read_stretch(top, values.get("scale"))
-    return Artefact(**{"name": path.stem, **values}, landmarks=landmarks, stretch=stretch)
+    artefact = Artefact(**{"name": path.stem, **values}, landmarks=landmarks, stretch=stretch)
+    return artefact if measured is None else artefact.stretched(factors)
+
+
+def _measured(
+    top: YamlSection, landmarks: Mapping[str, Landmark], measured: FloatArray
+) -> tuple[FloatArray, float]:
+    """Factors (3,) on coordinates, by distances (2,) with a ruler, and how sure it makes them."""
+    # Of a steel ruler that is read by eye, m; and by how much the worst printers are off.
+    ruler, most = from_mm(0.2), 0.1
+    extents = np.ptp([landmark.position for landmark in landmarks.values()], axis=0)[:2]
+    wanted = " and ".join(f"{mm(extent):g}" for extent in extents)
+    expected = f"the outer landmarks' distances along x and y, about {wanted} mm"
+    if not (extents > 0).all() or (np.abs(measured / extents - 1) > most).any():
+        found = ", ".join(f"{mm(length):g}" for length in measured)
+        raise top.refuse(f"[{found}]", expected, at=("measured_mm",))
+    return np.append(measured / extents, 1.0), float(ruler / extents.min())
 
 
 def _landmark(name: str, section: YamlSection) -> Landmark:

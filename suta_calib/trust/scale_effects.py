@@ -60,8 +60,8 @@ class ScaleEffect:
         return (
             f"{self.sentence} The validation error ({text(errors, 'm', with_unit=True)}) does not "
             f"show it, because it was measured with the same {self.what}. Measure the "
-            f"{self.what} along x and along y with a steel ruler, correct its file, and state "
-            "there how good the ruler was (scale_ppm: 1000 is 0.2 mm over 200 mm)."
+            f"{self.what} along x and along y with a steel ruler, and write both into its file "
+            "(measured_mm: [x, y], between the outer landmarks)."
         )
 
     @property

@@ -104,6 +104,19 @@ def test_crosses_and_board_are_drawn_where_their_files_have_them(job: Path) -> N
     assert {square.get("width") for square in squares} == {"15"}
 
 
+def test_it_says_what_to_do_next(tmp_path: Path, capsys: Capture) -> None:
+    """The link that carries the pen is no other arm."""
+    file = lerobot(tmp_path / "so101.json", *MOTORS)
+    folder = tmp_path / "job"
+    command = ("init", URDF, "--tip", "hand", "--pen", "--lerobot", file, "--out", folder)
+    assert cli(*command) == 0
+    said = capsys.readouterr()
+    assert "other chains" not in said.err
+    last = said.out.splitlines()[-1]
+    assert last.startswith(f"Next: print {folder}/sheet.svg at 100 %")
+    assert last.endswith(f"calibration.yaml --device {folder}/device.yaml --placement table")
+
+
 def test_motors_of_other_names_are_taken_in_order(tmp_path: Path, capsys: Capture) -> None:
     file = lerobot(tmp_path / "koch.json", *(f"motor_{k}" for k in range(1, 7)))
     assert cli("init", URDF, "--tip", "hand", "--lerobot", file, "--out", tmp_path / "job") == 0

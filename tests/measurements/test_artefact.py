@@ -12,6 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from suta_calib.errors import ArtefactError, SamplesError
 from suta_calib.measurements import Artefact, Landmark, Samples, read_artefact, write_artefact
+from suta_calib.measurements.artefact import artefact_text
 from suta_calib.terms import MeasuredPoses
 from suta_calib.terms.landmark import certified_positions
 
@@ -193,3 +194,28 @@ def test_arbitrary_values(scratch: Path, landmarks: dict[str, object], tail: str
     text = f"landmarks: {landmarks!r}".replace("inf", ".inf").replace("nan", ".nan")
     scratch.write_text(text + "\n" + tail, encoding="utf-8")
     read_or_refuse(scratch)
+
+
+def test_a_sheet_is_as_long_as_a_ruler_says(tmp_path: Path) -> None:
+    """Between its outer landmarks; the ruler is good to 0.2 mm, unless the file says otherwise."""
+    text = (
+        "grade: printed\nmeasured_mm: [155.2, 200.5]\nlandmarks:\n"
+        "  A1: {position_mm: [0, -100, 0]}\n  A2: {position_mm: [80, 50, 0]}\n"
+        "  A3: {position_mm: [160, 100, 2]}\n"
+    )
+    (tmp_path / "sheet.yaml").write_text(text)
+    sheet = read_artefact(tmp_path / "sheet.yaml")
+    along = sheet.landmarks["A3"].position - sheet.landmarks["A1"].position
+    np.testing.assert_allclose(along, [0.1552, 0.2005, 0.002], atol=1e-12)
+    assert sheet.length_scale.measured
+    assert sheet.length_scale.ppm == pytest.approx(1250)
+    assert sheet.stretch == pytest.approx(1.25e-3)
+    (tmp_path / "again.yaml").write_text(artefact_text(sheet))
+    again = read_artefact(tmp_path / "again.yaml")
+    np.testing.assert_allclose(again.landmarks["A2"].position, sheet.landmarks["A2"].position)
+    (tmp_path / "sheet.yaml").write_text(f"scale_ppm: 500\n{text}")
+    assert read_artefact(tmp_path / "sheet.yaml").length_scale.ppm == pytest.approx(500)
+    for wrong in ("[15.5, 20.0]", "[200.5, 155.2]"):
+        (tmp_path / "sheet.yaml").write_text(text.replace("[155.2, 200.5]", wrong))
+        with pytest.raises(ArtefactError, match=r"measured_mm: found .*about 160 and 200 mm"):
+            read_artefact(tmp_path / "sheet.yaml")
