@@ -64,7 +64,8 @@ def test_the_commands_of_the_tutorial_calibrate_an_arm(
             desk = ServoDesk(servos, Path("my_arm/calibration.yaml"), np.array([1e-3, -1e-3]))
             write_artefact(Path("my_arm/artefact.yaml"), sheet(ruler=2.5e-3))
         elif command == "measure" and "--camera" in given:
-            desk.see(given[given.index("--camera") + 1].partition("=")[0], 40)
+            name = given[given.index("--camera") + 1].partition("=")[0]
+            desk.see(name, int(given[given.index("--rests") + 1]))
         elif command == "measure":
             place = given[given.index("--placement") + 1]
             marks = given[given.index("--sequence") + 1].split(",") if "--sequence" in given else ()
