@@ -11,14 +11,18 @@ import pytest
 from cli_job import cli
 from hobby_arms import sheet
 from servo_arms import TICKS, URDF, ServoArm
-from servo_desk import BESIDE, TOUCHING, ServoDesk, camera_in
+from servo_desk import BESIDE, PLACES, TOUCHING, ServoDesk, camera_in
 from shown_blocks import SHELL, words
 
 from suta_calib import ArmModel, SolverOptions, solve
+from suta_calib.check.checking import Check, Checker
 from suta_calib.job import CalibrationJob
 from suta_calib.job.pen import PEN
+from suta_calib.measurements import read_samples
 from suta_calib.measurements.artefact import write_artefact
 from suta_calib.model.urdf_tree import read_tree
+from suta_calib.terms import ArmPoses, TouchedLandmark
+from suta_calib.terms.poses import joint_ranges
 
 # Forty pictures of each camera, thirty touches, servos 1.5° off with 1.5° of play.
 DESK: dict[str, Any] = {"zero_deg": 1.5, "play_deg": 1.5, "pictures": 40}
@@ -35,6 +39,58 @@ def test_tip_and_both_cameras_come_from_one_job(tmp_path: Path) -> None:
     errors = desk.errors(solution)
     assert errors["tip_mm"] < 1.0
     assert max(errors["wrist_mm"], errors["front_mm"]) < 5.0
+
+
+def checked(desk: ServoDesk, checker: Checker, term: TouchedLandmark, file: Path) -> Check:
+    """A check with five touches, as before a recording."""
+    desk.touch("table", file, ("A1", "A5", "B3", "C1", "C5"), "2")
+    arm = desk.servos.arm
+    samples = read_samples([file], joint_ranges(arm), term.columns)
+    return checker.check(term.over_poses(ArmPoses(arm, samples)))
+
+
+def made_checker(folder: Path, seed: int) -> tuple[ServoDesk, Checker, TouchedLandmark]:
+    """An arm that was calibrated by touches alone, and what checks it."""
+    desk = ServoDesk.made(folder, seed, **{**DESK, "pictures": 0})
+    job = CalibrationJob.load(desk.job)
+    checker = Checker(solve(job.problem(), SolverOptions(starts=1, confirm=False)))
+    (term,) = job.observations
+    assert isinstance(term, TouchedLandmark)
+    return desk, checker, term
+
+
+def test_five_touches_before_a_recording_show_what_changed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A horn that slipped, a pen that was pushed, a sheet that was moved; else nothing."""
+    desk, checker, term = made_checker(tmp_path / "job", 0)
+    file, servos = tmp_path / "today.csv", desk.servos
+    assert all(checked(desk, checker, term, file).unchanged for _ in range(5))
+    for joint in (1, 2):
+        servos.zero[joint] += np.radians(1.5)
+        (change,) = checked(desk, checker, term, file).changed
+        servos.zero[joint] -= np.radians(1.5)
+        named = {change.what, *change.instead}
+        assert f"joint {servos.arm.joints[joint]}" in named
+        assert change.amounts["rad"][0] == pytest.approx(np.radians(1.5), abs=np.radians(0.4))
+    servos.truth[f"{PEN}.x"] += 3e-3
+    (change,) = checked(desk, checker, term, file).changed
+    assert "tip" in {change.what, *change.instead}
+    servos.truth[f"{PEN}.x"] -= 3e-3
+    monkeypatch.setitem(PLACES, "table", ((175.0, 0.0, 0.0), (0.0, 0.0, 0.0)))
+    (change,) = checked(desk, checker, term, file).changed
+    assert {"placement", "base"} & {change.what, *change.instead}
+
+
+@pytest.mark.slow
+def test_sound_checks_before_recordings_give_few_false_alarms(tmp_path: Path) -> None:
+    """Five touches, ten arms with 1.5° of play, 500 checks at 1 %."""
+    alarms = 0
+    for seed in range(10, 20):
+        desk, checker, term = made_checker(tmp_path / f"{seed}", seed)
+        file = tmp_path / "today.csv"
+        alarms += sum(not checked(desk, checker, term, file).unchanged for _ in range(50))
+    assert alarms <= 10
 
 
 @pytest.mark.slow

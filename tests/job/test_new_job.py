@@ -77,8 +77,9 @@ def test_the_artefact_is_as_such_an_arm_has_it(grade: str, tmp_path: Path) -> No
     assert (artefact.stretch is not None) == (grade == "printed")
     if grade == "printed":
         file = tmp_path / "artefact.yaml"
-        file.write_text(file.read_text().replace("# scale_ppm", "scale_ppm"))
-        assert read_artefact(file).stretch == pytest.approx(1e-3)
+        file.write_text(file.read_text().replace("# measured_mm", "measured_mm"))
+        # A ruler that is good to 0.2 mm over 160 mm.
+        assert read_artefact(file).stretch == pytest.approx(1.25e-3)
 
 
 @pytest.mark.parametrize(

@@ -77,17 +77,18 @@ class ServoDesk:
 
     @classmethod
     def made(cls, folder: Path, seed: int, *, pictures: int = 25, **servos: Any) -> ServoDesk:
-        """A job of a seed as ``init --pen --camera`` begins it, measured."""
+        """A job as ``init --pen --camera`` begins it, measured; of no pictures no camera."""
         folder.mkdir(parents=True)
         arm = ServoArm.made(arm_with_pen(folder), seed, **servos)
         desk = cls(arm, folder / "calibration.yaml", 2.5e-3 * arm.random.standard_normal(2))
-        write_job(new_job(arm.arm, folder, pen=True, cameras=CAMERAS))
+        cameras = CAMERAS if pictures else {}
+        write_job(new_job(arm.arm, folder, pen=True, cameras=cameras))
         write_artefact(folder / "artefact.yaml", sheet(ruler=2.5e-3))
         write_camera(folder / "camera.yaml", CAMERA)
         desk._complete_job()
         for place in PLACES:
             desk.touch(place)
-        for name in CAMERAS:
+        for name in cameras:
             desk.see(name, pictures)
         return desk
 
@@ -114,7 +115,8 @@ class ServoDesk:
         ruler = position + self.servos.random.standard_normal(3)
         turned = rpy + 0.5 * self.servos.random.standard_normal(3)
         text = self.job.read_text()
-        begun = text[text.index("    # pose:") : text.index("  # Camera wrist")]
+        after = "  # Camera wrist" if "  # Camera wrist" in text else "\n# Samples that are never"
+        begun = text[text.index("    # pose:") : text.index(after)]
         stated = (
             f"    pose:\n      table: {{position_mm: {ruler.tolist()}, rotation_rpy_deg: "
             f"{turned.tolist()}, prior_mm: 1, prior_deg: 0.5}}\n"
