@@ -75,6 +75,8 @@ class Suspect(Displayable):
         answer = dict[Unit, tuple[float, float]]()
         for unit, part in self.parts:
             vector, spread = size[part], covariance[np.ix_(part, part)]
+            if not spread.any():
+                continue  # The rows do not look at it.
             length = float(np.linalg.norm(vector))
             along = vector / max(length, 1e-300)
             amount = float(vector[0]) if len(vector) == 1 else length
