@@ -99,7 +99,8 @@ def scale_effects(solution: Solution) -> tuple[ScaleEffect, ...]:
     nothing = 1e-9
     for carrier in scale_carriers(problem.terms):
         key = carrier.what, carrier.name
-        told = left[key] < _TOLD * carrier.scale.std
+        # Of what is estimated as a stretch the answer has the ± itself.
+        told = left[key] < _TOLD * carrier.std
         shift = (left[key] if told else carrier.scale.std) * by_scale[key]
         moved = tip_motion(problem, solution.x, dict(zip(arm, shift.tolist(), strict=False)))
         tip = rms_length(moved.linear)
