@@ -14,6 +14,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.special import fdtrc
 
 from suta_calib.arrays import FloatArray
 from suta_calib.threads import single_threaded
@@ -29,7 +30,7 @@ from suta_calib.trust.in_time import (
     by_readings,
     rows_of,
 )
-from suta_calib.trust.linear_fit import RobustStep
+from suta_calib.trust.linear_fit import LinearFit, RobustStep
 from suta_calib.trust.neighbour_correlation import chance_beside_shared_errors
 from suta_calib.trust.reduced_fit import ReducedFit, everything_follows
 from suta_calib.trust.rule import Rule
@@ -46,6 +47,7 @@ class SuspectedChange:
             which it is so.
         p: chance that noise alone makes it explain so much there.
         lowered: squares that it explains, in units of the noise.
+        design: how much more scores vary than those of independent rows; at least 1.
     """
 
     hypothesis: InTime | None
@@ -55,6 +57,7 @@ class SuspectedChange:
     end: int
     p: float
     lowered: float
+    design: float = 1.0
 
     @property
     def at_once(self) -> bool:
@@ -127,8 +130,8 @@ def suspects(fit: ReducedFit) -> tuple[list[SuspectedChange], int]:
         hypothesis, motion, places, _ = evidence.effect.about
         everywhere = 0, 0, int(table.first[-1])
         term, first, end = everywhere if evidence.window is None else places[evidence.window]
-        p, gain = evidence.p_single, evidence.gain
-        suspected.append(SuspectedChange(hypothesis, motion, term, first, end, p, gain))
+        found = evidence.p_single, evidence.gain, evidence.design
+        suspected.append(SuspectedChange(hypothesis, motion, term, first, end, *found))
     tests = weighed[0].tried if weighed else 0
     return sorted(suspected, key=lambda suspect: (suspect.p, -suspect.lowered)), tests
 
@@ -207,7 +210,35 @@ def _chance(fit: ReducedFit, suspect: SuspectedChange) -> float:
     lacking = [
         at for (joint, _), at in fit.lacking.items() if not travel or joint != suspect.motion.joint
     ]
-    return chance_beside_shared_errors(fit, suspect.velocity, lacking, waves(fit, suspect))
+    p = chance_beside_shared_errors(fit, suspect.velocity, lacking, waves(fit, suspect))
+    return max(p, _chance_by_clusters(fit.linear, fit.columns(suspect.velocity)))
+
+
+def _chance_by_clusters(fit: LinearFit, columns: FloatArray) -> float:
+    """Chance of so much where rows of one rest share what the arm errs by; 0 where none do.
+
+    By what each rest would say that was left out (the jackknife of clusters: Bell and McCaffrey
+    2002): all unknowns together follow the few errors that there are, and the residuals that they
+    leave show only a part of these.
+    """
+    if fit.clusters is None or fit.clusters.shape[1] > 1:
+        return 0.0
+    root = np.sqrt(fit.weights)[:, None]
+    follow = columns + fit.jacobian @ fit.moves(columns)
+    score = fit.scores(follow, fit.settled).sum(axis=0)
+    inverse = np.linalg.pinv((follow * root).T @ (follow * root), 1e-9, hermitian=True)
+    left = (fit.settled - follow @ (inverse @ score))[:, None] * root
+    variance, count = np.zeros((len(score), len(score))), fit.cluster_count
+    order = np.argsort(fit.clusters[:, 0], kind="stable")
+    for rows in np.split(order, np.flatnonzero(np.diff(fit.clusters[order, 0])) + 1):
+        own, gain = follow[rows] * root[rows], fit.jacobian[rows] * root[rows]
+        share, axes = np.linalg.eigh(gain @ fit.inverse @ gain.T + own @ inverse @ own.T)
+        # A rest that decides nearly alone says nothing of what others err by.
+        alone = axes @ ((axes.T @ left[rows]) / np.maximum(1.0 - share, 0.1)[:, None])
+        variance += (own.T @ alone) @ (own.T @ alone).T * (count - 1) / count
+    rank = max(int(np.linalg.matrix_rank(inverse, 1e-9, hermitian=True)), 1)
+    ratio = float(score @ np.linalg.pinv(variance, 1e-9, hermitian=True) @ score)
+    return float(fdtrc(rank, max(count - rank, 1), ratio / rank))
 
 
 def _change(
@@ -215,6 +246,6 @@ def _change(
 ) -> ChangeInTime:
     more = slice(-suspect.motion.velocity.shape[1], None)
     place = (suspect.term, suspect.first, suspect.end) if suspect.at_once else None
-    covariance = left.noise * left.inverse[more, more]
+    covariance = left.noise * suspect.design * left.inverse[more, more]
     rows = rows_of(fit.problem, place)
     return hypothesis.change(suspect.motion, left.step[more], covariance, rows, p)

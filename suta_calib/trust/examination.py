@@ -123,7 +123,7 @@ class Examination(Displayable):
         return LinearFit.of_rows(
             self.rows,
             *self._prior,
-            clusters=self._clusters,
+            clusters=clusters_of_rows(self.problem, self.rows),
             independent_rows=sum(term.equations() for term in self.problem.terms),
             rows_per_independent_row=self.rows_per_independent_row,
             chain=chain_of_rows(self.problem, self.rows),
@@ -160,24 +160,6 @@ class Examination(Displayable):
     def _plausible_precision(self) -> FloatArray:
         """(n,) precision of every unknown by what is plausible; 0 where anything is."""
         return np.zeros(len(self.problem.names))
-
-    @property
-    def _clusters(self) -> IntArray:
-        """(m, c) the independent touches of every row, -1 where a row has fewer than c."""
-        first = self.problem.evaluation.table.first
-        touches = np.concatenate(
-            [k + t.clusters for k, t in zip(first, self.problem.terms, strict=False)]
-        )
-        members = []
-        for r in self.rows:
-            touched = touches[r.line.view.block.samples + r.line.view.first_sample]
-            members.append(np.repeat(touched, r.line.residual.shape[1], axis=0))
-        width = max(clusters.shape[1] for clusters in members)
-        padded = [
-            np.pad(clusters, ((0, 0), (0, width - clusters.shape[1])), constant_values=-1)
-            for clusters in members
-        ]
-        return np.concatenate(padded)
 
     # ── columns of effects ──────────────────────────────────────────────────────────────────
     @property
@@ -275,6 +257,22 @@ def by_motion(rows: Sequence[Rows], velocity: FloatArray) -> FloatArray:
             for r in rows
         ]
     )
+
+
+def clusters_of_rows(problem: Problem, rows: Sequence[Rows]) -> IntArray:
+    """(m, c) the independent touches of every row, -1 where a row has fewer than c."""
+    first = problem.evaluation.table.first
+    touches = np.concatenate([k + t.clusters for k, t in zip(first, problem.terms, strict=False)])
+    members = []
+    for r in rows:
+        touched = touches[r.line.view.block.samples + r.line.view.first_sample]
+        members.append(np.repeat(touched, r.line.residual.shape[1], axis=0))
+    width = max(clusters.shape[1] for clusters in members)
+    padded = [
+        np.pad(clusters, ((0, 0), (0, width - clusters.shape[1])), constant_values=-1)
+        for clusters in members
+    ]
+    return np.concatenate(padded)
 
 
 def chain_of_rows(problem: Problem, rows: Sequence[Rows]) -> IntArray | None:

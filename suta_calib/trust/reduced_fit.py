@@ -18,7 +18,13 @@ from suta_calib.solver.information import Rows, whitened_rows
 from suta_calib.solver.losses import huber_threshold
 from suta_calib.solver.problem import Problem
 from suta_calib.terms.term import Term
-from suta_calib.trust.examination import Examination, by_motion, chain_of_rows, samples_of
+from suta_calib.trust.examination import (
+    Examination,
+    by_motion,
+    chain_of_rows,
+    clusters_of_rows,
+    samples_of,
+)
 from suta_calib.trust.extended_problem import known_beforehand, offered_beside
 from suta_calib.trust.held_out import robust_level
 from suta_calib.trust.linear_fit import LinearFit, RobustStep
@@ -92,7 +98,11 @@ def everything_follows(answer: Examination) -> ReducedFit:
     rows = whitened_rows(problem, x, sigmas)
     equations = sum(term.equations() for term in problem.terms)
     prior, chain = known_beforehand(problem), chain_of_rows(problem, rows)
-    fit = LinearFit.of_rows(rows, prior, away, independent_rows=equations, chain=chain)
+    err_alike = any(len(np.unique(t.clusters)) < len(t.poses) for t in problem.terms)
+    clusters = clusters_of_rows(problem, rows) if err_alike else None
+    fit = LinearFit.of_rows(
+        rows, prior, away, independent_rows=equations, chain=chain, clusters=clusters
+    )
     settled = fit.only(follows).robust
     return ReducedFit(problem, rows, fit.jacobian, lacking, settled.fit, settled.spent)
 

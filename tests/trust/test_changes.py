@@ -24,6 +24,7 @@ from simulated import (
     plane_scene,
     tracked_scene,
 )
+from studies import first_of
 from suta_simulated import everything, scene
 
 from suta_calib import (
@@ -36,7 +37,9 @@ from suta_calib import (
     SolverOptions,
     solve,
 )
+from suta_calib.geometry.numbers import rotation_from_vector
 from suta_calib.solver.solution import Solution
+from suta_calib.terms import DepthPoints
 from suta_calib.trust.calibration_examination import CalibrationExamination
 from suta_calib.trust.changes import suspects, waves
 from suta_calib.trust.hypotheses.encoder_slip import EncoderSlip
@@ -376,3 +379,39 @@ def test_a_size_that_is_hardly_more_than_its_std_is_no_finding() -> None:
     assert "moved by 2.00 ± 0.10 deg at row 9" in turned.sentence
     both = replace(turned, std=1e-4)
     assert "moved by 3.90 ± 0.10 mm and 2.00 ± 0.10 deg at row 9" in both.sentence
+
+
+def two_balls(seed: int, slip: float = 0.0) -> str:
+    """Notes on two balls at each of fourteen rests, of an arm whose encoder may have slipped."""
+    arm, random = arm_named("ur5"), np.random.default_rng(seed)
+    middle = np.array([0.0, -1.2, 1.5, -1.8, -1.57, 0.0])
+    q = middle + random.uniform(-0.4, 0.4, (14, 6))
+    R, p = arm.forward(q)
+    held, at = rotation_from_vector([0.05, -0.1, 0.6]), np.array([0.03, -0.06, 0.07])
+    (turn,), (place,) = arm.forward(middle[None])
+    ahead = np.array([[0.08, 0.05, 0.5], [-0.07, 0.02, 0.45]])
+    balls = (ahead @ held.T + at) @ turn.T + place
+    # The camera sees them five times as well as the arm knows where it is.
+    scatter = 2e-5 * random.standard_normal((14, 2, 3))
+    seen = ((balls - p[:, None]) @ R - at) @ held + scatter
+    read = q + 1e-4 * random.standard_normal(q.shape)
+    read[8:, 3] += slip
+    term = DepthPoints.from_arrays(
+        arm,
+        np.repeat(read, 2, axis=0),
+        position=seen.reshape(-1, 3),
+        point=["A", "B"] * 14,
+        image=[str(k) for k in range(14) for _ in "AB"],
+    )
+    usual = Selection(("*.offset",), prior_rad=math.radians(0.02))
+    return notes_on(solve(Problem([term], arm.select(usual)), SolverOptions(starts=1)))
+
+
+@pytest.mark.parametrize("seed", first_of((4, 5, 6, 14)))
+def test_what_two_balls_at_one_rest_share_is_no_change(seed: int) -> None:
+    assert "more from row" not in two_balls(seed)
+    assert "was moved by" not in two_balls(seed)
+
+
+def test_a_slip_of_an_encoder_is_seen_by_two_balls() -> None:
+    assert "wrist_1_joint reads" in two_balls(4, slip=math.radians(0.4))
