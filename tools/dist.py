@@ -27,8 +27,9 @@ MOST_MB = 5.0
 LOWEST_ON = ("3.11", "3.12")
 # They need neither a checkout nor an extra, and touch all of mathematics, files and commands.
 TESTS = (
-    *("geometry", "measurements", "solver", "test_api.py", "test_atomic.py", "test_inputs.py"),
-    *("model/test_kinematics.py", "model/test_urdf_write_back.py", "cli/test_demo.py"),
+    *("geometry", "measurements", "test_api.py", "test_atomic.py", "test_inputs.py"),
+    *("solver/test_descent.py", "solver/test_identifiability.py", "model/test_kinematics.py"),
+    *("model/test_urdf_write_back.py", "cli/test_demo.py"),
     *("cli/test_calibrate.py", "pose_calibration/test_pivot.py", "simulation/test_simulate.py"),
 )
 TOOLS_OF_TESTS = ("pytest>=8.3", "hypothesis>=6.120", "packaging")
