@@ -13,12 +13,14 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
+from scipy.special import chdtrc
 
 from suta_calib.model.parameters import POSITION, Parameter, is_base
 from suta_calib.solver.evaluation import Linearised
 from suta_calib.solver.problem import Problem
 from suta_calib.solver.solution import Solution
 from suta_calib.terms import Term
+from suta_calib.terms.length_scale import is_stretch
 from suta_calib.terms.poses import ArmPoses
 from suta_calib.trust.accuracy import fitted_too
 from suta_calib.trust.common_scale import CommonScale, beyond_drawing, common_scales
@@ -38,6 +40,8 @@ PULL: Final = 10.0
 HELD_OUT, HELD_OUT_CARE = 3.0, 1.7
 # Standard deviations that a ratio, or a scale, must be off before it says anything.
 SIGNIFICANCE: Final = 4.0
+# Of a print, the stretch that must be known, and the chance of a prior's pull that is none.
+STRETCHED, STRETCH_CHANCE = 0.01, 1e-3
 # A common factor on all lengths of an artefact, an instrument or the arm that must be known.
 SCALE_CARE: Final = 2e-3
 
@@ -78,7 +82,7 @@ def contradictions(
         *residuals,
         *_held_out(solution, held_out),
         # What does not fit at all has no scale.
-        *([] if any(residual.bad for residual in residuals) else _scales(solution)),
+        *([] if any(residual.bad for residual in residuals) else _on_scale(solution)),
         *_priors(solution),
         *_tips(solution),
         *(Contradiction(False, sentence) for sentence in matches(solution, "cause", "note")),
@@ -251,6 +255,12 @@ def _held_out(solution: Solution, errors: Sequence[HeldOutErrors]) -> Iterator[C
         )
 
 
+def _on_scale(solution: Solution) -> Sequence[Contradiction]:
+    """A print of another size is the likelier cause of lengths that are all too long."""
+    scales = list(_scales(solution))
+    return scales if any(scale.bad for scale in scales) else list(_stretched(solution)) or scales
+
+
 def _scales(solution: Solution) -> Iterator[Contradiction]:
     named = False
     # The share of the priors' pulls, or of the residuals, that a scale must explain.
@@ -356,6 +366,32 @@ def _priors(solution: Solution) -> Iterator[Contradiction]:
         "either the prior or the data are wrong"
         + _mounted([parameters[name] for _, name in far], solution.problem.terms),
     )
+
+
+def _stretched(solution: Solution) -> Iterator[Contradiction]:
+    """A print whose estimated stretch is more than printers do, and than its prior allows."""
+    parameters = [p for p in solution.problem.parameters.values() if is_stretch(p) and p.prior]
+    for owner in dict.fromkeys(p.owner for p in parameters):
+        mine = [p for p in parameters if p.owner == owner]
+        found = {p.key: solution.values[p.name] for p in mine}
+        pulls = [found[p.key] / p.prior for p in mine if p.prior]
+        # Half a per cent is a printer; two are a page that was made to fit, 94 to 97 %.
+        if max(map(abs, found.values())) < STRETCHED:
+            continue
+        if chdtrc(len(pulls), float(np.square(pulls).sum())) > STRETCH_CHANCE:
+            continue
+        lengths = " and ".join(
+            f"{100 * abs(value):.1f} % {'longer' if value > 0 else 'shorter'} along {axis}"
+            for axis, value in found.items()
+        )
+        name = owner.partition("[")[2].removesuffix("]")
+        yield Contradiction(
+            False,
+            f"{name} seems to be {lengths} than its file says, more than printers do. Perhaps it "
+            "was printed to fit the page, or a length in its file is wrong. The fit takes up only "
+            "a part of it. Measure it with a ruler along x and along y, and correct its file.",
+            of_scale=True,
+        )
 
 
 def _mounted(far: Sequence[Parameter], terms: Sequence[Term]) -> str:

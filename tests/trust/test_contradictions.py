@@ -2,20 +2,24 @@
 
 from __future__ import annotations
 
+import shutil
 from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+import yaml
 from judging import assessed, notes_on
 from offset_arm import NOISE, ONCE, fitted_and_held_out, truth_of, unknowns
 from simulated import Scene, arm_named, artefact, artefact_scene, placements, tracked_scene
 
 from suta_calib import Assessment, Noise, Problem, Samples, SolverOptions, Term, solve
 from suta_calib.errors import SamplesError
-from suta_calib.measurements import Artefact
+from suta_calib.job import CalibrationJob
+from suta_calib.measurements import Artefact, read_yaml
 from suta_calib.trust.hypotheses.rounded import Rounded
 from suta_calib.trust.hypotheses.sorted_column import SortedColumn
 from suta_calib.trust.hypotheses.stuck_instrument import StuckInstrument
@@ -284,3 +288,22 @@ def test_one_row_that_outweighs_all_others_is_said(
         named = any(note.startswith("1 of 150 position residuals are more") for note in notes)
         # Where it is believed less, it decides nothing.
         assert named == (said and np.isinf(huber))
+
+
+@pytest.mark.parametrize("share", [0.97, 1.0])
+def test_a_sheet_that_was_printed_to_fit_the_page_is_named(
+    share: float, repository: Path, tmp_path: Path
+) -> None:
+    folder = tmp_path / "arm"
+    shutil.copytree(repository / "examples" / "so101_printed_sheet", folder)
+    artefact = read_yaml(folder / "artefact.yaml").data
+    for landmark in artefact["landmarks"].values():
+        landmark["position_mm"] = [x / share for x in landmark["position_mm"]]
+    # Nobody held a ruler to it.
+    del artefact["scale_ppm"]
+    (folder / "artefact.yaml").write_text(yaml.safe_dump(artefact), encoding="utf-8")
+    assessment = CalibrationJob.load(folder / "calibration.yaml").run().assessment
+    named = [note for note in assessment.notes if "printed to fit the page" in note]
+    assert bool(named) == (share != 1.0)
+    assert all("printed sheet seems to be" in note and "shorter along x" in note for note in named)
+    assert assessment.level == ("care" if named else "good")
