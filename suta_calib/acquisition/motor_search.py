@@ -244,41 +244,12 @@ class OrderSearch:
         steps: int,
         rows: IntArray | slice,
     ) -> _FittedOrders:
-        parts = [
-            self._part(readings[rows], motors[k], signs[k], start[k], steps, rows)
-            for first in range(0, len(motors), _AT_ONCE)
-            for k in (slice(first, first + _AT_ONCE),)
-        ]
+        parts = []
+        for first in range(0, len(motors), _AT_ONCE):
+            k = slice(first, first + _AT_ONCE)
+            signed = signs[k][:, None, :] * readings[rows][:, motors[k]].transpose(1, 0, 2)
+            parts.append(_descended(_TouchEquations(self, signed, rows), start[k], steps))
         return _FittedOrders(*(np.concatenate(arrays) for arrays in zip(*parts, strict=True)))
-
-    def _part(
-        self,
-        readings: FloatArray,
-        motors: IntArray,
-        signs: FloatArray,
-        start: FloatArray,
-        steps: int,
-        rows: IntArray | slice,
-    ) -> _FittedOrders:
-        n = start.shape[1]
-        signed = signs[:, None, :] * readings[:, motors].transpose(1, 0, 2)
-        system = _TouchEquations(self, signed, rows)
-        unknowns = np.hstack([start, np.zeros((len(start), 3))])
-        damping = np.full(len(start), 1e-3)
-        cost, slopes, residual, _ = system.at(unknowns)
-        for _ in range(steps):
-            step = system.step(unknowns, slopes, residual, damping)
-            tried = unknowns + step
-            new_cost, new_slopes, new_residual, _ = system.at(tried)
-            better = new_cost <= cost
-            damping = np.where(better, 0.3 * damping, 10.0 * damping)
-            unknowns = np.where(better[:, None], tried, unknowns)
-            cost = np.where(better, new_cost, cost)
-            slopes = np.where(better[:, None, None], new_slopes, slopes)
-            residual = np.where(better[:, None], new_residual, residual)
-        cost, _, residual, above = system.at(unknowns)
-        rms = _ASSUMED * np.sqrt((residual**2).sum(axis=1) / signed.shape[1])
-        return _FittedOrders(unknowns[:, :n], unknowns[:, n:], cost, rms, above)
 
     def uncertainty(
         self, order: MotorOrder, factor: float
@@ -414,3 +385,24 @@ def _last_axis_in_tip(arm: ArmModel) -> FloatArray:
             break
         pose = homogeneous(rotation_from_rpy(joint.rpy), joint.xyz) @ pose
     return np.asarray(-pose[:3, :3].T @ pose[:3, 3])
+
+
+def _descended(system: _TouchEquations, start: FloatArray, steps: int) -> _FittedOrders:
+    """Hypotheses after so many steps from offsets (h, n), each with a damping of its own."""
+    n = start.shape[1]
+    unknowns = np.hstack([start, np.zeros((len(start), 3))])
+    damping = np.full(len(start), 1e-3)
+    cost, slopes, residual, _ = system.at(unknowns)
+    for _ in range(steps):
+        step = system.step(unknowns, slopes, residual, damping)
+        tried = unknowns + step
+        new_cost, new_slopes, new_residual, _ = system.at(tried)
+        better = new_cost <= cost
+        damping = np.where(better, 0.3 * damping, 10.0 * damping)
+        unknowns = np.where(better[:, None], tried, unknowns)
+        cost = np.where(better, new_cost, cost)
+        slopes = np.where(better[:, None, None], new_slopes, slopes)
+        residual = np.where(better[:, None], new_residual, residual)
+    cost, _, residual, above = system.at(unknowns)
+    rms = _ASSUMED * np.sqrt(3.0 * (residual**2).mean(axis=1))
+    return _FittedOrders(unknowns[:, :n], unknowns[:, n:], cost, rms, above)

@@ -26,8 +26,6 @@ from suta_calib.units import from_deg
 # How far one joint must have moved for a posture to be another one, rad: gears ripple and encoders
 # err over some degrees, and a hand holds an arm still to some tenths.
 APART: Final = from_deg(2.0)
-# How far the arm must have come back for a stroke to have ended, rad: a hesitation is no reversal.
-BACK: Final = from_deg(5.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -225,9 +223,12 @@ class Thinning:
             return
         away = float(np.linalg.norm(self._postures.steps(moment.angles, self._begin)))
         assert self._far is not None
+        # How far the arm must have come back for a stroke to have ended, rad: a hesitation is no
+        # reversal.
+        returned = from_deg(5.0)
         if away >= self._far[0]:
             self._far = away, moment.angles
-        elif away < self._far[0] - BACK:
+        elif away < self._far[0] - returned:
             self.stroke += 1
             turned = self._far[1]
             back = float(np.linalg.norm(self._postures.steps(moment.angles, turned)))

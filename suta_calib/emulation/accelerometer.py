@@ -17,7 +17,6 @@ from suta_calib.simulation.noise import stream
 from suta_calib.units import from_deg
 
 COLUMNS: Final = ("ax", "ay", "az")
-_STEP: Final = 0.02  # s; a motion between two rests lasts many times as long
 
 
 def accelerometer(
@@ -50,11 +49,13 @@ def accelerometer(
             raise InputError("a motion without end", "one that ends", where="--accelerometer")
         end = 0.0
     # A bit longer than the motion: after it the arm rests.
-    time = np.arange(0.0, end + 5 * _STEP, _STEP)
+    # s; a motion between two rests lasts many times as long.
+    interval = 0.02
+    time = np.arange(0.0, end + 5 * interval, interval)
     q = motion.readings(time)
     rotation, position = arm.forward(q, values)
     force = np.zeros_like(position)
-    force[1:-1] = np.diff(position, 2, axis=0) / _STEP**2
+    force[1:-1] = np.diff(position, 2, axis=0) / interval**2
     force[:, 2] += FELT_AT_REST
     sensor = rotation if mounting is None else rotation @ mounting
     felt = (sensor.transpose(0, 2, 1) @ force[:, :, None])[:, :, 0]

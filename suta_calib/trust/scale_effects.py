@@ -22,8 +22,6 @@ from suta_calib.trust.tip_motion import tip_motion
 from suta_calib.units import text
 from suta_calib.words import listed
 
-# Residuals tell a scale where they halve what is stated of it: it is no longer taken on trust.
-_TOLD: Final = 0.5
 # What it is called where a length that a job holds is all that has a unit.
 HELD: Final = "held length"
 
@@ -99,8 +97,9 @@ def scale_effects(solution: Solution) -> tuple[ScaleEffect, ...]:
     nothing = 1e-9
     for carrier in scale_carriers(problem.terms):
         key = carrier.what, carrier.name
-        # Of what is estimated as a stretch the answer has the ± itself.
-        told = left[key] < _TOLD * carrier.std
+        # Residuals tell a scale where they halve what is stated of it: it is no longer taken on
+        # trust. Of what is estimated as a stretch the answer has the ± itself.
+        told = left[key] < 0.5 * carrier.std
         shift = (left[key] if told else carrier.scale.std) * by_scale[key]
         moved = tip_motion(problem, solution.x, dict(zip(arm, shift.tolist(), strict=False)))
         tip = rms_length(moved.linear)

@@ -28,8 +28,6 @@ from suta_calib.measurements.csv_table import CsvTable, read_csv_table
 from suta_calib.optional_packages import load
 from suta_calib.units import Unit, from_deg
 
-# Of the drift: few batches, so that each is longer than what correlates within it.
-_BATCHES: Final = 20
 _CONFIDENCE: Final = 0.95
 # Columns of recordings that are no joints.
 NO_JOINTS: Final = frozenset(
@@ -290,10 +288,12 @@ def _drift(time: FloatArray, away: FloatArray) -> tuple[float, float, float]:
     The slope is that of the means of twenty batches: whatever correlates within a batch shows in
     how its mean scatters, so that correlated noise makes the interval as wide as it should be.
     """
-    batches = np.array_split(np.arange(len(time)), _BATCHES)
+    # Of the drift: few batches, so that each is longer than what correlates within it.
+    batch_count = 20
+    batches = np.array_split(np.arange(len(time)), batch_count)
     moment, mean = (np.array([v[rows].mean() for rows in batches]) for v in (time, away))
     (slope, _), covariance = np.polyfit(moment - moment.mean(), mean, 1, cov=True)
-    half = stdtrit(_BATCHES - 2, 0.5 + _CONFIDENCE / 2) * np.sqrt(covariance[0, 0])
+    half = stdtrit(batch_count - 2, 0.5 + _CONFIDENCE / 2) * np.sqrt(covariance[0, 0])
     return float(slope), float(half), float(np.ptp(mean))
 
 
