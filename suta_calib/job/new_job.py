@@ -55,7 +55,6 @@ _CROSSES: Final = {
     for n, row in enumerate("ABC")
     for k in range(1, 6)
 }
-_CHESSBOARD: Final = Chessboard(8, 5, from_mm(15.0))
 _BOARD: Final = """\
 # Inner corners: columns, rows. Other types: charuco, markers. board.svg is this board, to print:
 # measure it, and correct square_mm.
@@ -155,7 +154,7 @@ def new_job(
     if cameras:
         files += [
             Template(folder / "board.yaml", _BOARD),
-            Template(folder / "board.svg", chessboard_svg(_CHESSBOARD)),
+            Template(folder / "board.svg", chessboard_svg(Chessboard(8, 5, from_mm(15.0)))),
         ]
     for name in cameras:
         files += _of_camera(folder, name, arm)

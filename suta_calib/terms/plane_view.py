@@ -36,10 +36,6 @@ from suta_calib.terms.poses import PoseSource
 _KEYS: Final = ("z", "rx", "ry")
 # Part of a motion from which on it is worth a word.
 _SHARE: Final = 0.2
-# Cosine of the steepest angle at which a simulated depth camera sees a plane, and between which
-# distances it sees, m.
-_STEEPEST: Final = 0.25
-_REACH: Final = (0.1, 3.0)
 
 
 @cache  # What was compiled for a residual is found again by it.
@@ -170,7 +166,11 @@ class PlaneView(DepthTerm):
         away = unknowns[:, 0] - np.einsum("ni,ni->n", normal, position) - by_carrier @ p
         slope = np.einsum("ni,ni->n", by_carrier @ R, ray)
         length = away / np.where(np.abs(slope) > 1e-9, slope, 1e-9)
-        sighted = (np.abs(slope) > _STEEPEST) & (length == np.clip(length, *_REACH))
+        # Cosine of the steepest angle at which a simulated depth camera sees a plane.
+        steepest = 0.25
+        # Between which distances it sees, m.
+        reach = (0.1, 3.0)
+        sighted = (np.abs(slope) > steepest) & (length == np.clip(length, *reach))
         # A plane that a ray does not meet is farther away than anything, m.
         beyond = 100.0
         points = ray * np.clip(length, -beyond, beyond)[:, None]
