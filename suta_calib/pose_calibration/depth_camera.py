@@ -28,7 +28,12 @@ from suta_calib.measurements.scale import GRADES, PPM
 from suta_calib.measurements.seen_points import SeenPoints
 from suta_calib.pose_calibration.eye_poses import ENOUGH, PoseAccuracy, placed_points
 from suta_calib.pose_calibration.inputs import checked_poses, error_context
-from suta_calib.pose_calibration.robust_answer import MANY_OUTLIERS, FittedRows, exchanged
+from suta_calib.pose_calibration.robust_answer import (
+    MANY_OUTLIERS,
+    FittedRows,
+    exchanged,
+    set_aside,
+)
 from suta_calib.pose_calibration.undetermined import axes_that_stand
 from suta_calib.terms.depth_fit import DepthFit, fit_depth, middle_off
 from suta_calib.terms.depth_rows import (
@@ -214,7 +219,7 @@ class DepthCameraCalibration(Displayable, PoseAccuracy, FittedRows):
         return Assessment.of(
             "" if bad else f"{statement}; {self.agreed('pictures')}",
             bad=bad,
-            care=[*care, *self.notes, *self.set_aside("pictures", self.inliers)],
+            care=[*care, *self.notes, *set_aside("pictures", self.inliers)],
         )
 
 

@@ -16,7 +16,7 @@ from suta_calib.pose_calibration.eye_poses import EyePoses, Model, Unknown, unkn
 from suta_calib.pose_calibration.inputs import error_context
 from suta_calib.pose_calibration.loop_answer import LoopAnswer
 from suta_calib.pose_calibration.loop_fit import checked_pairs, fit_loops
-from suta_calib.pose_calibration.robust_answer import doubting
+from suta_calib.pose_calibration.robust_answer import doubting, set_aside
 from suta_calib.pose_calibration.sight import Sight
 from suta_calib.terms.hand_eye_start import EYE_IN_HAND, EyeSetup
 from suta_calib.trust.hypotheses.depth_scale import DepthScale
@@ -75,7 +75,7 @@ class HandEyeCalibration(EyePoses, LoopAnswer):
         return Assessment.of(
             "" if bad else f"{self.accuracy_text}; {agreed}",
             bad=bad,
-            care=[*caution, *self.set_aside("pairs", self.inliers), *self.notes_on_rows("pairs")],
+            care=[*caution, *set_aside("pairs", self.inliers), *self.notes_on_rows("pairs")],
         )
 
 

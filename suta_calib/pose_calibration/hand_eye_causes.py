@@ -36,6 +36,8 @@ CAUSES: Final = (
     "do the rows belong together, is the quaternion's order x y z w, is the setup right, and do "
     "both poses map in the documented direction?"
 )
+# Poses of the targets (n,) with the labels of two eyes, or of two targets, exchanged in all rows.
+SeenExchanged = Callable[[Role, int, int], Poses]
 WHOSE: Final = ("a pose of the hand (a_)", "a pose of the target (b_)")
 
 
@@ -181,38 +183,49 @@ def refuse_exchanged(
     sight: Sight,
     seed: int | None,
     numbers: IntArray | None = None,
+    seen_exchanged: SeenExchanged | None = None,
 ) -> None:
     """Refuse rows that agree once two labels are exchanged from a row on, and name them.
 
     One half of the rows is before the exchange, or after it: its poses tell of every row of two
     eyes, or of two targets, whether its own label or the other's fits better. ``numbers``
-    (n,) of the rows in their file are their order by default.
+    (n,) of the rows in their file are their order by default. ``seen_exchanged`` is for poses that
+    depend on the label, as of pictures, which are read with the camera that it names.
     """
     count, together = len(A[1]), sight.together
     lost = 1.0 - float(start.inliers.mean())
     # Part of the rows that a few accidents may be; unless everything is off.
     if lost < 0.1 and start.sigmas[0] < SUSPICIOUS and start.sigmas[1] < TURNED:
         return
-    best: tuple[float, int, Role | None, int, int] = (0.0, 0, None, 0, 0)
+    everywhere = np.arange(count)
+    exchanges = [
+        (
+            (role, a, b),
+            B if seen_exchanged is None else seen_exchanged(role, a, b),
+            _exchanged(together, role, a, b, everywhere),
+        )
+        for role, names, _ in sight.sides
+        for a, b in combinations(range(len(names)), 2)
+    ]
+    best, which = (0.0, 0), -1
     for late, half in enumerate(np.array_split(np.arange(count), 2)):
         X, Z = poses_by(A, B, together, half)
         errors = loop_errors(A, B, X, Z, together)
         units = [max(float(np.median(np.linalg.norm(e[half], axis=1))), 1e-9) for e in errors]
-        for role, names, _ in sight.sides:
-            for a, b in combinations(range(len(names)), 2):
-                swapped = _exchanged(together, role, a, b, np.arange(count))
-                other = loop_errors(A, B, X, Z, swapped)
-                # What is gained by an exchange of all rows before, or from, each row on.
-                sums = np.cumsum([0.0, *(_squared(errors, units) - _squared(other, units))])
-                total = sums if late else sums[-1] - sums
-                row = int(np.argmax(total))
-                if total[row] > best[0]:
-                    best = float(total[row]), row, role, a, b
-    _, row, what, a, b = best
-    if what is None:
+        for k, (_, seen, swapped) in enumerate(exchanges):
+            other = loop_errors(A, seen, X, Z, swapped)
+            # What is gained by an exchange of all rows before, or from, each row on.
+            sums = np.cumsum([0.0, *(_squared(errors, units) - _squared(other, units))])
+            total = sums if late else sums[-1] - sums
+            row = int(np.argmax(total))
+            if total[row] > best[0]:
+                best, which = (float(total[row]), row), k
+    if which < 0:
         return
+    (_, row), ((what, a, b), seen, _) = best, exchanges[which]
     read = _exchanged(together, what, a, b, np.arange(row, count))
-    again = first_consensus(A, B, read, seed)
+    B_read = _from_row(B, seen, row)
+    again = first_consensus(A, B_read, read, seed)
     agree = np.sum((again.sigmas / np.maximum(start.sigmas, 1e-300)) ** 2) < 2.0 * 1.5**2
     better = (
         1.0 - float(again.inliers.mean()) < 0.4 * lost or again.sigmas[0] < 0.2 * start.sigmas[0]
@@ -223,7 +236,7 @@ def refuse_exchanged(
     if agree and better and min(int(moved[:row].sum()), int(moved[row:].sum())) >= few:
         names = sight.eyes if what == "eye" else sight.targets
         rows = np.arange(count) if numbers is None else numbers
-        since = _since(A, B, (together, read), again, (what, a, b), rows)
+        since = _since(A, (B, seen, B_read), (together, read), again, (what, a, b), rows)
         raise SamplesError(
             f"rows that agree only if {what}s {names[a]} and {names[b]} are exchanged {since} "
             f"(rows from 0): {int(start.inliers.sum())} of {count} rows agree within "
@@ -237,7 +250,7 @@ def refuse_exchanged(
 
 def _since(
     A: Poses,
-    B: Poses,
+    seen: tuple[Poses, Poses, Poses],
     labels: tuple[SeenTogether, SeenTogether],
     again: Consensus,
     exchanged: tuple[Role, int, int],
@@ -247,7 +260,7 @@ def _since(
 
     Args:
         A: poses of the hand, or their inverses.
-        B: of the targets that the eyes saw.
+        seen: of the targets, by the labels as they were given, exchanged in all rows, and as read.
         labels: as they were given, and as they are read once they are exchanged.
         again: what agrees then: X and Z of those rows tell of every row which label fits.
         exchanged: the role, and the two whose labels were exchanged.
@@ -255,11 +268,13 @@ def _since(
     """
     given, read = labels
     count = len(A[1])
-    X, Z = poses_by(A, B, read, again.inliers)
-    sizes = [np.linalg.norm(e, axis=1) for e in loop_errors(A, B, X, Z, read)]
+    B, B_exchanged, B_read = seen
+    X, Z = poses_by(A, B_read, read, again.inliers)
+    sizes = [np.linalg.norm(e, axis=1) for e in loop_errors(A, B_read, X, Z, read)]
     units = [max(float(np.median(size[again.inliers])), 1e-9) for size in sizes]
     other = _exchanged(given, *exchanged, np.arange(count))
-    own, swapped = (_squared(loop_errors(A, B, X, Z, by), units) for by in (given, other))
+    own = _squared(loop_errors(A, B, X, Z, given), units)
+    swapped = _squared(loop_errors(A, B_exchanged, X, Z, other), units)
     # Twice the logarithm of the likelihood of a change before each row, but for a constant, in
     # units of the median error of a row.
     likely = np.cumsum([0.0, *(swapped - own)])[:-1]
@@ -289,6 +304,12 @@ def _exchanged(together: SeenTogether, role: str, a: int, b: int, rows: IntArray
     part = which[rows]
     which[rows] = np.where(part == a, b, np.where(part == b, a, part))
     return SeenTogether(eye, target, together.eyes, together.targets)
+
+
+def _from_row(before: Poses, after: Poses, row: int) -> Poses:
+    """The poses of one set up to a row, and of another from it on."""
+    R, p = (np.concatenate([x[:row], y[row:]]) for x, y in zip(before, after, strict=True))
+    return R, p
 
 
 def _squared(errors: Sequence[FloatArray], units: Sequence[float]) -> FloatArray:

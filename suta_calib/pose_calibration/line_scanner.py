@@ -19,7 +19,7 @@ from suta_calib.measurements.profiles import Profiles
 from suta_calib.measurements.samples import Samples
 from suta_calib.pose_calibration.eye_poses import ENOUGH, PoseAccuracy, placed_points
 from suta_calib.pose_calibration.inputs import checked_poses, error_context
-from suta_calib.pose_calibration.robust_answer import MANY_OUTLIERS, FittedRows
+from suta_calib.pose_calibration.robust_answer import MANY_OUTLIERS, FittedRows, set_aside
 from suta_calib.terms.poses import MeasuredPoses
 from suta_calib.terms.profile_fit import ScanFit, causes, fit_scans, model_of
 from suta_calib.terms.profile_rows import with_profiles
@@ -119,7 +119,7 @@ class LineScannerCalibration(Displayable, PoseAccuracy, FittedRows):
         return Assessment.of(
             "" if bad else f"{statement}; {self.agreed('scans')}",
             bad=bad,
-            care=[*care, *self.notes, *self.set_aside("scans", self.inliers)],
+            care=[*care, *self.notes, *set_aside("scans", self.inliers)],
         )
 
 

@@ -20,6 +20,7 @@ from suta_calib.geometry.numbers import (
 )
 from suta_calib.pose_calibration.consensus import Consensus
 from suta_calib.pose_calibration.hand_eye_causes import (
+    SeenExchanged,
     refuse_apart,
     refuse_constant,
     refuse_exchanged,
@@ -34,6 +35,7 @@ from suta_calib.pose_calibration.shared_hand import share_hand
 from suta_calib.pose_calibration.sight import Sight
 from suta_calib.pose_calibration.undetermined import (
     NotFound,
+    Role,
     axes_that_stand,
     refuse_undetermined,
     undetermined_directions,
@@ -264,11 +266,17 @@ def refuse_exchanged_labels(
     setup: EyeSetup,
     seed: int | None,
     numbers: IntArray,
+    seen_exchanged: SeenExchanged,
 ) -> None:
     """`refuse_exchanged` of pairs of poses (n,) in order, whose rows have these numbers (n,)."""
-    _, _, scaled, target = _in_units(as_eye_in_hand(hand, setup), seen)
+    length, _, scaled, target = _in_units(as_eye_in_hand(hand, setup), seen)
+
+    def in_units(role: Role, a: int, b: int) -> Poses:
+        R, p = seen_exchanged(role, a, b)
+        return R, p / length
+
     start = first_consensus(scaled, target, sight.together, seed)
-    refuse_exchanged(start, scaled, target, sight, seed, numbers)
+    refuse_exchanged(start, scaled, target, sight, seed, numbers, in_units)
 
 
 def _refuse_constant(hand: Poses, seen: Poses, sight: Sight) -> None:

@@ -18,7 +18,7 @@ from suta_calib.pose_calibration.eye_poses import PoseAccuracy, Unknown, relativ
 from suta_calib.pose_calibration.inputs import error_context
 from suta_calib.pose_calibration.loop_answer import LoopAnswer
 from suta_calib.pose_calibration.loop_fit import checked_pairs, fit_loops
-from suta_calib.pose_calibration.robust_answer import doubting, exchanged
+from suta_calib.pose_calibration.robust_answer import doubting, exchanged, set_aside
 from suta_calib.pose_calibration.sight import Sight
 from suta_calib.pose_calibration.undetermined import NotFound
 from suta_calib.terms.hand_eye_start import EYE_IN_HAND, EyeSetup
@@ -178,7 +178,7 @@ class ManyEyesCalibration(LoopAnswer):
         return Assessment.of(
             "" if bad else f"{accuracies} (one standard deviation, 3-D); {agreed}",
             bad=bad,
-            care=[*caution, *self.set_aside("pairs", self.inliers), *self.notes_on_rows("pairs")],
+            care=[*caution, *set_aside("pairs", self.inliers), *self.notes_on_rows("pairs")],
             facts=[*self._about_the_graph],
         )
 

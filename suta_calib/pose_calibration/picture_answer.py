@@ -28,7 +28,7 @@ from suta_calib.pose_calibration.eye_poses import (
 from suta_calib.pose_calibration.optimality import PictureOptimality
 from suta_calib.pose_calibration.picture_models import ErrorModel, ReprojectionError
 from suta_calib.pose_calibration.picture_noise import PictureNoise
-from suta_calib.pose_calibration.robust_answer import MANY_OUTLIERS
+from suta_calib.pose_calibration.robust_answer import MANY_OUTLIERS, set_aside
 from suta_calib.pose_calibration.undetermined import NotFound
 from suta_calib.solver.solution import Solution
 from suta_calib.solver.weights import Learned
@@ -408,6 +408,10 @@ def _judged(camera: CameraEstimate, noise: PictureNoise) -> tuple[list[str], lis
         for what, names in camera.turned.items()
         if names
     ]
+    explained = {name for names in camera.turned.values() for name in names}
+    strange = [name for name in camera.strange if name not in explained]
+    unexplained = np.isin(camera.images, strange)
+    care += set_aside("pictures", ~unexplained, listed(strange, QUOTED))
     if camera.other_size:
         care.append(camera.other_size)
     if camera.inverted != "good":

@@ -57,6 +57,7 @@ from suta_calib.pose_calibration.picture_rows import (
 from suta_calib.pose_calibration.sight import Sight
 from suta_calib.pose_calibration.undetermined import (
     NotFound,
+    Role,
     UndeterminedError,
     refuse_undetermined,
 )
@@ -72,6 +73,7 @@ from suta_calib.terms.hand_eye_start import (
     EYE_IN_HAND,
     FEWEST,
     EyeSetup,
+    Poses,
     as_eye_in_hand,
     loop_closures,
     some_poses,
@@ -269,7 +271,32 @@ def _refuse_exchanged(terms: Sequence[CameraView], views: Sequence[View], seed: 
     eye = np.array([view.label for view in views])[of_view]
     target = np.array([view.target for view in views])[of_view]
     sight = Sight.of(len(order), eye, target)
-    refuse_exchanged_labels(hand, board, sight, terms[0].setup, seed, numbers[order])
+
+    def seen_exchanged(role: Role, a: int, b: int) -> Poses:
+        """The board's poses with the pictures of two cameras read as the other's."""
+        if role != "eye":
+            return board
+        cameras = {view.label: term.camera for view, term in zip(views, terms, strict=True)}
+        names = sight.eyes[a], sight.eyes[b]
+        of_other = dict(zip(names, names[::-1], strict=True))
+        read = [
+            _read_with(term, cameras[of_other[view.label]], pose)
+            if view.label in of_other
+            else pose[2]
+            for term, view, pose in zip(terms, views, posed, strict=True)
+        ]
+        return joined(p[0] for p in read), joined(p[1] for p in read)
+
+    setup = terms[0].setup
+    refuse_exchanged_labels(hand, board, sight, setup, seed, numbers[order], seen_exchanged)
+
+
+def _read_with(term: CameraView, camera: Camera, posed: tuple[BoolArray, Poses, Poses]) -> Poses:
+    """The board's poses in the usable pictures by another camera; by their own, if it has none."""
+    there, _, (own_R, own_p) = posed
+    R, p = some_poses(replace(term, camera=camera).seen_poses, there)
+    told = np.asarray(np.isfinite(p).all(axis=1))
+    return np.where(told[:, None, None], R, own_R), np.where(told[:, None], p, own_p)
 
 
 def _of_lens(term: CameraView, good: BoolArray, solution: Solution) -> LensPictures | None:

@@ -24,6 +24,7 @@ from suta_calib.pose_calibration.robust_answer import (
     RobustAnswer,
     doubting,
     exchanged,
+    set_aside,
 )
 from suta_calib.pose_calibration.robust_fit import RobustFit, parts_of, robust_fit
 from suta_calib.pose_calibration.undetermined import refuse_undetermined
@@ -151,7 +152,7 @@ class PivotCalibration(Displayable, RobustAnswer):
         return Assessment.of(
             "" if bad else f"{statement}; {self.agreed('poses')}",
             bad=bad,
-            care=[*caution, *self.set_aside("poses", self.inliers), *self.notes_on_rows("poses")],
+            care=[*caution, *set_aside("poses", self.inliers), *self.notes_on_rows("poses")],
             facts=facts,
         )
 

@@ -31,7 +31,7 @@ from suta_calib.pose_calibration.rigid_fit import (
     distinct_rows,
     rigid_fit,
 )
-from suta_calib.pose_calibration.robust_answer import RobustAnswer, doubting
+from suta_calib.pose_calibration.robust_answer import RobustAnswer, doubting, set_aside
 from suta_calib.pose_calibration.robust_fit import ROUNDING
 from suta_calib.pose_calibration.stated_noise import Agreement, StatedSpread
 from suta_calib.terms.poses import together
@@ -257,7 +257,7 @@ class Registration(Displayable, RobustAnswer):
             bad=bad,
             care=[
                 *caution,
-                *self.set_aside("points", inliers),
+                *set_aside("points", inliers),
                 *self.notes_on_rows("points"),
                 *self.notes,
             ],

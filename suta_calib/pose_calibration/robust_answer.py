@@ -75,16 +75,17 @@ class FittedRows:
         to = " and ".join([text(self.rms, "m", with_unit=True), *turned])
         return f"{int(self.inliers.sum())} of {len(self.inliers)} {what} agree to {to} RMS"
 
-    def set_aside(self, what: str, inliers: BoolArray) -> list[str]:
-        """That many rows, ``what`` in the plural, were left out, where it is not too many."""
-        lost = int(np.sum(~inliers))
-        # So many are no accident.
-        if not 0.3 < lost / len(inliers) <= MANY_OUTLIERS:
-            return []
-        return [
-            f"{lost} of {len(inliers)} {what} do not agree with the others and are left out, more "
-            "than is usual. Find out what they have in common."
-        ]
+
+def set_aside(what: str, inliers: BoolArray, names: str = "they") -> list[str]:
+    """That many rows, ``what`` in the plural, were left out, where it is not too many."""
+    lost = int(np.sum(~inliers))
+    # So many are no accident.
+    if not 0.3 < lost / len(inliers) <= MANY_OUTLIERS:
+        return []
+    return [
+        f"{lost} of {len(inliers)} {what} do not agree with the others and are left out, more "
+        f"than is usual. Find out what {names} have in common."
+    ]
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

@@ -55,3 +55,27 @@ def test_right_files_and_files_a_little_off_are_not(seed: int) -> None:
         camera = replace(view.camera, intrinsics=view.camera.intrinsics + error)
         given.append(BoardPictures(BOARD, camera, view.corners.table(BOARD.points)))
     refuse_exchanged_files(["a", "b"], given)
+
+
+@pytest.mark.parametrize("since", [8, 11])
+def test_labels_exchanged_from_a_picture_on_are_named_though_the_cameras_differ(since: int) -> None:
+    """Corners are read with the camera that would have seen them: of the other's they are off."""
+    scene, (a, b) = two_cameras(12.0)
+    late = scene.hand.image[since:]
+    parts = [
+        (one.corners.take(~np.isin(one.corners.image, late)), other.corners)
+        for one, other in ((a, b), (b, a))
+    ]
+    views = []
+    for view, (before, other) in zip((a, b), parts, strict=True):
+        after = other.take(np.isin(other.image, late))
+        joined = replace(
+            before,
+            image=np.concatenate([before.image, after.image]),
+            point=np.concatenate([before.point, after.point]),
+            pixel=np.concatenate([before.pixel, after.pixel]),
+            lines=(),
+        )
+        views.append(replace(view, corners=joined))
+    with pytest.raises(SamplesError, match=f"a and b are exchanged from row {since} on"):
+        solved(replace(scene, views=tuple(views)))

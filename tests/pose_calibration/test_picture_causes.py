@@ -222,3 +222,17 @@ def test_names_that_do_not_match_are_refused() -> None:
         ),
     ):
         solved(replace(scene, views=(replace(scene.views[0], corners=two),)))
+
+
+def test_many_pictures_that_are_left_out_are_named() -> None:
+    """More than a third have poses of another time: nobody may take the rest without a look."""
+    scene = pictures(17, pixel=0.1, robot=(1e-4, 1e-4))
+    R, p = scene.hand.pose
+    p = p.copy()
+    p[11:] += np.random.default_rng(1).normal(0.0, 0.03, (6, 3))
+    found = solved(replace(scene, hand=replace(scene.hand, pose=(R, p))))
+    assert found.cameras[0].strange == [f"{k:03d}.png" for k in range(11, 17)]
+    assert found.assessment.level == "care"
+    said = " ".join(found.assessment.notes)
+    assert "6 of 17 pictures do not agree with the others and are left out" in said
+    assert "what 011.png, 012.png" in said
