@@ -117,6 +117,7 @@ def read_details(path: Path) -> Details:
     return read_as(Details, section, path=path)
 
 
+TO_BE_GIVEN: Final = "to be given"
 # All that can be stated.
 EXAMPLE: Final = """\
 number: 2026-001
@@ -139,11 +140,11 @@ approved_by: Name
 
 
 def details_to_fill_in() -> str:
-    """Such a file, with everything but the number commented out."""
+    """Such a file, with everything commented out but the number, which is yet to be given."""
     about = (
         "# What a certificate says beside the results:\n"
         "#   suta-calib certificate RESULT --details THIS_FILE --out certificate.pdf\n"
         "# Remove the # in front of what you state. The rest is a blank line on the paper.\n"
     )
-    number, *others = EXAMPLE.splitlines()
-    return about + f"{number}\n" + "".join(f"# {line}\n" for line in others)
+    _, *others = EXAMPLE.splitlines()
+    return about + f'number: "{TO_BE_GIVEN}"\n' + "".join(f"# {line}\n" for line in others)

@@ -12,7 +12,7 @@ from typing import Final
 from suta_calib.assessment import Assessment, judged, read_assessment, refuse_unusable
 from suta_calib.certificate.answer import answer_of
 from suta_calib.certificate.content import Content, Decision
-from suta_calib.certificate.details import Details
+from suta_calib.certificate.details import TO_BE_GIVEN, Details
 from suta_calib.display import Displayable
 from suta_calib.errors import InputError, did_you_mean
 from suta_calib.exchange.cells import is_folder
@@ -86,6 +86,7 @@ class Certificate(Displayable):
         """What ISO/IEC 17025:2017, 7.8.2.1, asks for and nobody stated."""
         details = self.details
         stated = {
+            "its number": details.number.replace(TO_BE_GIVEN, ""),
             "the laboratory": details.laboratory,
             "the customer": details.customer,
             "the item": details.item,

@@ -271,6 +271,7 @@ class _Sheet(FPDF):
             ],
             (2, 4, 2, 5),
             height=9,
+            borders="ALL",
         )
 
     # ── what they are made of ───────────────────────────────────────────────────────────────
@@ -296,13 +297,14 @@ class _Sheet(FPDF):
         *,
         numbers: Collection[int] = (),
         height: float = 4.6,
+        borders: str = "HORIZONTAL_LINES",
     ) -> None:
         self.set_font("sans", "", 8)
         bold = FontFace(emphasis="BOLD")
         with self.table(
             col_widths=tuple(widths),
             text_align=tuple("RIGHT" if k in numbers else "LEFT" for k in range(len(widths))),
-            borders_layout="HORIZONTAL_LINES" if heads else "NONE",
+            borders_layout=borders if heads else "NONE",
             first_row_as_headings=heads is not None,
             headings_style=bold,
             line_height=height,

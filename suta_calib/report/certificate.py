@@ -40,5 +40,5 @@ def certificate_document(certificate: Certificate, files: Sequence[Path]) -> Doc
 
 def details_document(file: Path) -> Document:
     """That a file to fill in was written."""
-    words = f"{file} is written. Fill it in, and give it with --details."
+    words = f"written: {file}. Fill it in, and give it with --details."
     return Document(NAME, "Details", Assessment.of(words), (), {"file": str(file)}, "files")

@@ -58,7 +58,7 @@ class CalibrationOfArm(CertifiedAnswer):
                     "Parameters",
                     parameters,
                     "By joint, in the convention of a URDF: x, y, z and rx, ry, rz of its origin, "
-                    "offset of its reading. What is not listed kept its nominal value.",
+                    f"offset of its reading. {_kept(record)}",
                 ),
             ),
             budgets=found,
@@ -67,6 +67,12 @@ class CalibrationOfArm(CertifiedAnswer):
             standards=scales(record),
             notes=tuple(record["verdict"]["notes"]),
         )
+
+
+def _kept(record: Record) -> str:
+    """Which parameters kept their nominal values."""
+    kept = sorted(record["unidentified"])
+    return f"Nominal values were kept for {', '.join(kept)}." if kept else ""
 
 
 def _parameter(name: str, entry: Record, factor: float) -> Quantity:
@@ -78,8 +84,9 @@ def _parameter(name: str, entry: Record, factor: float) -> Quantity:
 def _tip_group(record: Record) -> Iterator[Group]:
     for budget in budgets(record):
         about = (
-            "Expanded uncertainty of the tip from the calibration alone. The scatter of a single "
-            "use of the arm comes on top: see the validation errors."
+            "From the calibration alone: the scatter of a single use of the arm comes on top (see "
+            "the validation errors). Of positions relative to one another: an error that moves all "
+            "of them alike is left out, so notes on positions in the base may state more."
         )
         tip = Quantity(budget.of, math.nan, budget.unit, budget.std, budget.factor)
         yield Group("Tip", (tip,), about)
@@ -116,8 +123,8 @@ def _validation(record: Record) -> Iterator[tuple[str, str]]:
         if row["count"]:
             yield (
                 f"{row['count']:,} validation errors of {row['kind']}",
-                f"{row['within_68_pct']:.0f} % within one and {row['within_95_pct']:.0f} % within "
-                "predicted standard deviations",
+                f"{row['within_68_pct']:.0f} % within one predicted standard deviation, "
+                f"{row['within_95_pct']:.0f} % within two",
             )
 
 

@@ -48,9 +48,7 @@ class ServoPort(Port):
         self._packets = sdk.PacketHandler(form.protocol)
         self._begun = False
         for number, joint in zip(self._numbers, spec.joints, strict=True):
-            # Attempts to hear a servo at first.
-            answers = (self._position(number) for _ in range(3))
-            if all(isinstance(answer, str) for answer in answers):
+            if not self._answers(number):
                 self.close()
                 raise DeviceSilentError(
                     f"{spec.port}: no answer from servo {number} ({joint.name}); expected an "
@@ -60,6 +58,14 @@ class ServoPort(Port):
                 )
         # Each by itself: one that misses a packet is not to blame for another that is gone.
         self._heard = dict.fromkeys(self._numbers, time.perf_counter())
+
+    def _answers(self, number: int) -> bool:
+        """Whether a servo is heard within the time that one may be silent."""
+        end = time.perf_counter() + _SILENT_S
+        while isinstance(self._position(number), str):
+            if time.perf_counter() > end:
+                return False
+        return True
 
     def read(self, timeout: float) -> bytes:
         """A line of counts; none where a servo did not answer.
