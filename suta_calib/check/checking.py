@@ -12,7 +12,7 @@ what is left is asked again. A row that alone explains them better is a bad row,
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Final
@@ -26,7 +26,7 @@ from suta_calib.assessment import Assessment, judged
 from suta_calib.check.error_model import LearnedErrors
 from suta_calib.check.family import Family
 from suta_calib.check.new_rows import NewRows
-from suta_calib.check.suspects import PLAUSIBLE, Suspect, suspect_of, suspects_of
+from suta_calib.check.suspects import PLAUSIBLE, Suspect, candidates_of, suspect_of, suspects_of
 from suta_calib.display import Displayable
 from suta_calib.errors import SamplesError
 from suta_calib.solver.artefact_and_scale import artefact_errors
@@ -183,11 +183,32 @@ class Check(Displayable):
         # The one that shows least stands for all.
         least = sorted(joints, key=lambda p: -max(p.amounts.values()))[:1]
         others = [p for p in shown if p.what in _FIRST]
-        return [
+        facts = [
             f"These rows would have shown the {said(p.what)} off by "
             f"{enumerated([text(a, unit, with_unit=True) for unit, a in p.amounts.items()], 'or')}."
             for p in (*least, *others)
         ]
+        return [*facts, *self._hidden]
+
+    @property
+    def _hidden(self) -> Iterator[str]:
+        """What may have changed and would not have shown."""
+        named = [p for p in self.power if p.what.startswith("joint ") or p.what in _FIRST]
+        never = [p for p in named if not any(map(math.isfinite, p.amounts.values()))]
+        if never:
+            yield f"These rows cannot show a change of the {listed([said(p.what) for p in never])}."
+        some = [p for p in named if p not in never]
+        motions: dict[Unit, str] = {"m": "shift", "rad": "turn"}
+        for unit, motion in motions.items():
+            partly = [p.what for p in some if math.isinf(p.amounts.get(unit, 0.0))]
+            if partly:
+                yield f"These rows cannot show every {motion} of the {listed(partly)}."
+        if self.rows < _FEWEST:
+            few = "1 row proves" if self.rows == 1 else f"{self.rows} rows prove"
+            yield (
+                f"{few} little: a change that shows at other postures only is not seen. Measure "
+                f"{_FEWEST} rows or more, far apart."
+            )
 
 
 def said(what: str) -> str:
@@ -377,8 +398,8 @@ class Checking:
         rows, freed = self.start, np.zeros(0, dtype=np.intp)
         extra, bad, changes = np.zeros((len(rows.residual), 0)), list[int](), list[FoundChange]()
         fit = self.fit(rows, freed, extra)
-        suspects = suspects_of(rows, self.checker.values)
-        evidence = weigh_effects(fit, self.effects(suspects))
+        candidates = candidates_of(rows, self.checker.values)
+        evidence = weigh_effects(fit, self.effects(candidates))
         kinds = zip(self.checker.errors.kinds, self.by_noise, strict=True)
         white = [(kind.weight, kind.freedom, self._freed(v)) for kind, v in kinds]
         every = rows.shared.of_samples
@@ -386,7 +407,7 @@ class Checking:
         known = self._freed(self.by_estimates)
         family = Family.of(fit, evidence, white, known, every, self.false_alarm)
         found = {e.effect.name: e for e in evidence}
-        power = tuple(_power(s, fit, found[s.what], family) for s in suspects if s.what in found)
+        power = tuple(_power(s, fit, found.get(s.what), family) for s in candidates)
         while True:
             if not changes:
                 p = min([family.p_of_all(fit), *(family.p_value(e.p_single) for e in evidence)])
@@ -499,8 +520,12 @@ def _larger(one: FloatArray, other: FloatArray) -> FloatArray:
     return np.asarray(one + added * np.outer(unit, unit))
 
 
-def _power(suspect: Suspect, fit: LinearFit, evidence: Evidence, family: Family) -> FoundPower:
+def _power(
+    suspect: Suspect, fit: LinearFit, evidence: Evidence | None, family: Family
+) -> FoundPower:
     """The smallest changes, wherever they point, that these rows would have shown."""
+    if evidence is None:
+        return FoundPower(suspect.what, dict.fromkeys(suspect.units, math.inf))
     curvature = fit.curvature(evidence.effect.columns)
     # Probability with which a change of the size of `Power` is found.
     least = family.seen(evidence.rank, 0.9)

@@ -98,15 +98,19 @@ class Suspect(Displayable):
 
 
 def suspects_of(rows: NewRows, known: Container[str]) -> list[Suspect]:
-    """Everything that may have changed, and that the rows look at.
+    """Everything that may have changed, and that the rows look at: of `candidates_of`."""
+    return [suspect for suspect in candidates_of(rows, known) if np.any(suspect.columns)]
+
+
+def candidates_of(rows: NewRows, known: Container[str]) -> list[Suspect]:
+    """Everything that may have changed, whether or not the rows look at it.
 
     Args:
         rows: new ones.
         known: names that the calibration has a value of.
     """
     found = [*_joints(rows), *_frames(rows, known), *_own(rows, known), *_links(rows)]
-    found += [*_scales(rows), *_assumed(rows), *_registered(rows)]
-    return [suspect for suspect in found if np.any(suspect.columns)]
+    return [*found, *_scales(rows), *_assumed(rows), *_registered(rows)]
 
 
 def _group(rows: NewRows, what: str, names: Sequence[str], motion: FloatArray | None) -> Suspect:

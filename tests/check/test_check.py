@@ -69,6 +69,21 @@ def test_these_rows_say_what_they_would_have_shown() -> None:
         assert fewest <= sum(map(bool, found)) <= most
 
 
+def test_what_the_rows_cannot_show_is_named() -> None:
+    """A zero about whose axis the tip lies; and of one row, that it proves little."""
+    checking = checker().checking(scene()[2][3].take([0]))
+    joint = checking.start.problem.names.index("joint_6.offset")
+    checking.start.jacobian[:, joint] = 0.0
+    check = checking.run()
+    shown = {power.what: power.amounts for power in check.power}
+    assert {f"joint joint_{k}" for k in range(1, 7)} <= shown.keys()
+    assert math.isinf(shown["joint joint_6"]["rad"])
+    said = " ".join(check.assessment.notes)
+    assert "cannot show a change of the zero of joint_6." in said
+    assert "1 row proves little" in said
+    assert "proves little" not in " ".join(checked(scene()[2][3]).assessment.notes)
+
+
 def test_rows_of_a_kind_that_was_not_calibrated_are_refused() -> None:
     arm = arm_named("suta")
     with pytest.raises(InputError, match="tracked_point"):
