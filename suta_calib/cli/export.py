@@ -51,6 +51,8 @@ def export(
 ) -> Document:
     """Write RESULT (a folder of results, or its result.json) in the format of another program.
 
+    For the formats of a camera, RESULT is also a folder of detect --report, or a camera.yaml.
+
     The options after --anyway belong to the formats. Values that a format cannot contain
     (covariance, eccentricity, compliance, gain) are reported and written to a second file. A result
     that must not be used is refused. Of a robot with several chains, mjcf, dh and lerobot contain

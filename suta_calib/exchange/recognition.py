@@ -103,7 +103,12 @@ _OWN: Final = (
     _Own(
         lambda head: (
             head.lstrip().startswith("{")
-            and all(f'"{key}"' in head for key in ("command", "verdict"))
+            and (
+                all(f'"{key}"' in head for key in ("command", "verdict"))
+                # As hand-eye, rig and detect begin theirs.
+                or all(f'"{key}"' in head for key in ("reprojection_rms_px", "setup"))
+                or all(f'"{key}"' in head for key in ("cameras", "distortion_model"))
+            )
         ),
         "the answer of a command",
         "suta-calib export {} --list names what can be made of it",
@@ -117,7 +122,13 @@ _OWN: Final = (
         _ROWS,
         (BoardError,),
     ),
-    _Own(_has("camera_matrix"), "a camera", _NAMED.format("camera"), _ROWS, (CameraError,)),
+    _Own(
+        _has("camera_matrix"),
+        "a camera",
+        _NAMED.format("camera"),
+        (*_ROWS, "export"),
+        (CameraError,),
+    ),
     _Own(
         _columns("a_x(_mm)?", "a_qx"),
         "pairs of poses",

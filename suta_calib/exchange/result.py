@@ -18,10 +18,11 @@ from suta_calib.display import Displayable
 from suta_calib.errors import InputError
 from suta_calib.exchange.cells import is_folder
 from suta_calib.exchange.rotations import is_rotation
+from suta_calib.geometry.lens import LENSES, lens_called
 from suta_calib.geometry.numbers import homogeneous, rotation_from_rpy
 from suta_calib.inputs import UrdfFile
 from suta_calib.job.schema import JobSpec, read_job
-from suta_calib.measurements.camera import Camera
+from suta_calib.measurements.camera import Camera, read_camera
 from suta_calib.model.arm import ArmModel
 from suta_calib.model.bodies import Bodies
 from suta_calib.model.chain import Chain, ChainJoint
@@ -36,8 +37,11 @@ from suta_calib.tracking.uncertainty import (
     read_uncertainty,
 )
 from suta_calib.units import from_mm
+from suta_calib.words import listed
 
 RECORD: Final = "result.json"
+# Of a folder, the first of these that is in it.
+_RECORDS: Final = (RECORD, "detect.json")
 
 
 @dataclass(frozen=True, eq=False)
@@ -149,6 +153,7 @@ class Result(Displayable):
         transforms: poses that it found: of cameras, instruments and artefacts, of a tool.
         cameras: by their labels, with the intrinsics that were found.
         data: the JSON itself.
+        unsized: labels of further cameras, of whose pictures nothing says the size.
     """
 
     path: Path
@@ -156,6 +161,7 @@ class Result(Displayable):
     transforms: tuple[Transform, ...]
     cameras: Mapping[str, Camera] = field(default_factory=dict)
     data: Mapping[str, Any] = field(default_factory=dict)
+    unsized: tuple[str, ...] = ()
 
     @property
     def usable(self) -> bool:
@@ -173,6 +179,21 @@ class Result(Displayable):
     def every_transform(self) -> tuple[Transform, ...]:
         """`transforms`, and that of the arm's tool, or of each chain's."""
         return (*self.transforms, *(() if self.arm is None else self.arm.tools))
+
+    def need_cameras(self, form: str) -> Mapping[str, Camera]:
+        """The cameras by their labels, at least one, for a format that needs them."""
+        if self.unsized:
+            raise InputError(
+                f"camera {listed(sorted(self.unsized))}, of whose pictures nothing says the size",
+                "a camera with image_width and image_height",
+                file=self.path,
+                hint="correct both in the camera.yaml that was written beside it, and export that "
+                "file; or calibrate with --camera",
+            )
+        if not self.cameras:
+            problem = f"no camera, which the format {form} needs"
+            raise InputError(problem, "the result of a job with a camera", file=self.path)
+        return self.cameras
 
     def need_transforms(self, form: str) -> tuple[Transform, ...]:
         """`every_transform`, at least one, for a format of poses."""
@@ -194,7 +215,7 @@ def read_result(
     """Read a result, with the arm of its job.
 
     Args:
-        path: ``result.json``, or the folder it is in.
+        path: ``result.json`` or ``detect.json``, the folder it is in, or a ``camera.yaml``.
         urdf: the nominal arm, where the job is not there any more.
         tip: its tip, likewise.
         base: link its chain starts at, likewise; the root by default.
@@ -206,15 +227,20 @@ def read_result(
         UnusableResultError: it must not be used.
     """
     path = Path(path)
-    path = path / RECORD if is_folder(path) else path
+    if path.suffix in (".yaml", ".yml"):
+        return Result(path, None, (), {"default": replace(read_camera(path), covariance=None)})
+    if is_folder(path):
+        there = (path / name for name in _RECORDS if (path / name).is_file())
+        path = next(there, path / RECORD)
     data = read_json_object(path)
     refuse_unusable(data, path, anyway=anyway)
     if "parameters" not in data:
-        transforms = tuple(_closed(data, path))
-        if not transforms:
-            expected = "the result of calibrate, hand-eye, pivot or register"
+        transforms, seen = tuple(_closed(data, path)), _recorded(data)
+        if not (transforms or seen):
+            expected = "the result of calibrate, hand-eye, rig, detect, pivot or register"
             raise InputError("a result that cannot be exported", expected, file=path)
-        return Result(path, None, transforms, {}, data)
+        sized = {name: _camera_of(row, path) for name, row in seen.items() if row.get("width")}
+        return Result(path, None, transforms, sized, data, tuple(seen.keys() - sized.keys()))
     job: JobSpec | None = None
     model: AnyArm
     if urdf is None:
@@ -254,10 +280,44 @@ def _closed(data: Mapping[str, Any], path: Path) -> Iterator[Transform]:
         if key not in data:
             continue
         _, parent, child = name.split("_")
+        if isinstance(by_name := data[key], dict):
+            for label, pose in by_name.items():
+                # None of what could not be found.
+                if pose is not None:
+                    matrix = _pose(pose, path, f"{key}: {label}")
+                    yield Transform(parent, f"{child}_{label}", matrix)
+            continue
         yield Transform(parent, child, _pose(data[key], path, key))
     if "tip_mm" in data:
         tip = from_mm(numbers(data["tip_mm"], (3,), path, "tip_mm"))
         yield Transform("tool", "tip", homogeneous(np.eye(3), tip))
+
+
+def _recorded(data: Mapping[str, Any]) -> dict[str, Mapping[str, Any]]:
+    """The cameras that hand-eye, rig and detect write, by their labels."""
+    if not isinstance(several := data.get("cameras"), dict):
+        several = {"default": data}
+    eyes = data.get("X")
+    rows: dict[str, Mapping[str, Any]] = {}
+    for name, row in several.items():
+        inner = row.get("camera", row) if isinstance(row, dict) else None
+        if isinstance(inner, dict) and "distortion_model" in inner:
+            # One that saw several boards is there once for each, as EYE/BOARD.
+            known = not isinstance(eyes, dict) or name in eyes
+            rows.setdefault(name if known else name.rpartition("/")[0], inner)
+    return rows
+
+
+def _camera_of(row: Mapping[str, Any], path: Path) -> Camera:
+    """A camera as a record has it: the lens's numbers by name, or its distortion as a list."""
+    lens = lens_called(str(row["distortion_model"]))
+    if lens is None:
+        problem = f"the lens {row['distortion_model']!r}"
+        raise InputError(problem, f"one of {listed([*LENSES])}", file=path)
+    by_name = dict(zip(lens.distortion, row.get("distortion", ()), strict=False)) | dict(row)
+    values = [numbers(by_name.get(name), (), path, f"camera: {name}") for name in lens.names]
+    width, height = (int(numbers(row.get(side), (), path, side)) for side in ("width", "height"))
+    return Camera(width, height, np.array(values, dtype=float), lens=lens)
 
 
 def _pose(value: object, path: Path, where: str) -> FloatArray:

@@ -241,6 +241,8 @@ class PictureCalibration:
             care += [which + sentence for sentence in more_care]
             if camera.lens_choice is not None:
                 facts.append(which + camera.lens_choice.sentence)
+            if camera.given is None:
+                facts.append(which + _size_to_be_corrected(camera.camera))
             objection, level = _against_the_file(camera)
             for sentence, worth in ((objection, level), camera.numbered_otherwise):
                 if sentence:
@@ -268,6 +270,16 @@ class PictureCalibration:
         """Its label, and that of the board where it saw several."""
         same = sum(other.label == camera.label for other in self.cameras)
         return camera.label if same == 1 else f"{camera.label}/{camera.target}"
+
+
+def _size_to_be_corrected(camera: Camera) -> str:
+    """That nothing says how large the pictures are, and what to do before the file is used."""
+    return (
+        "The size of the pictures is not known without a camera file. The file that is written "
+        f"states {camera.width} x {camera.height} px, the least that holds all corners: correct "
+        "image_width and image_height in it before another program uses it. X does not depend on "
+        "them."
+    )
 
 
 def _against_the_file(camera: CameraEstimate) -> tuple[str, Level]:

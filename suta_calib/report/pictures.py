@@ -89,7 +89,7 @@ def picture_document(
             parts.append(INTRINSIC.of(_intrinsics(camera)))
             name = f"camera-{camera.label}.yaml" if several else "camera.yaml"
             if name not in files:
-                parts.append(File(name, partial(camera_text, camera.camera)))
+                parts.append(File(name, partial(_camera_file, camera)))
             files.add(name)
         if camera.markers is not None:
             parts += marker_parts(camera.markers, camera.label if several else "")
@@ -165,6 +165,15 @@ def picture_document(
     }
     title = "Hand-eye calibration from pictures"
     return Document(NAME, title, calibration.assessment, parts, record, "result")
+
+
+def _camera_file(camera: CameraEstimate) -> str:
+    """``camera.yaml``, which says where the size of the pictures is not known."""
+    least = (
+        "# image_width and image_height are not those of the pictures, which are not known without "
+        "a\n# camera file: they are the least that hold all corners. Correct them before use.\n"
+    )
+    return (least if camera.given is None else "") + camera_text(camera.camera)
 
 
 def _intrinsics(
@@ -295,7 +304,10 @@ def _camera_record(camera: CameraEstimate) -> Json:
     values, stds = camera.camera.intrinsics, camera.camera.stds
     none: Sequence[float | None] = [None] * len(values)
     std = none if stds is None else stds.tolist()
+    known = camera.given is not None
     return {
+        "width": camera.camera.width if known else None,
+        "height": camera.camera.height if known else None,
         **dict(zip((*FOCAL, *CENTRE), values[:4].tolist(), strict=True)),
         "distortion_model": camera.camera.lens.name,
         "distortion": values[4:].tolist(),

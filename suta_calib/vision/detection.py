@@ -31,6 +31,7 @@ from suta_calib.vision.camera_fit import (
     view_poses,
 )
 from suta_calib.vision.chessboard import ChessboardFinder
+from suta_calib.vision.coverage import ENOUGH
 from suta_calib.vision.finder import DetectedBoard, NotSeenError
 from suta_calib.vision.markers import CharucoFinder, MarkersFinder
 from suta_calib.vision.pictures import PictureFile, UnusablePictureError, read_picture
@@ -201,13 +202,16 @@ def detect(
                 BoardPictures(board, camera, corners.table(board.points)),
                 how,
             )
-    notes = [*filter(None, [_symmetry(board)]), *notes, *filter(None, [_left_out(views)])]
     count = sum(view.board is not None for view in views)
+    lost = [*filter(None, [_left_out(views)])]
+    # A few that are lost among enough others do no harm.
+    few = count < ENOUGH or 4 * count < 3 * len(views)
+    notes = [*filter(None, [_symmetry(board)]), *notes, *(lost if few else ())]
     sentence = f"{len(corners)} corners found in {count} of {len(views)} pictures."
     if fit is not None:
         sentence += f" {fit.assessment.sentence}"
         (bad if not fit.assessment.usable else notes).extend(fit.assessment.notes)
-    facts = [*filter(None, [turned, _on_its_side(board, views)])]
+    facts = [*filter(None, [turned, _on_its_side(board, views)]), *(() if few else lost)]
     assessment = Assessment.of(sentence, bad=bad, care=notes, facts=facts)
     return Detection(board, views, corners, camera, fit, residuals, assessment)
 

@@ -110,8 +110,13 @@ def test_hand_eye_says_which_lens_it_took(tmp_path: Path, capsys: Capture) -> No
     said = json.loads(capsys.readouterr().out)
     assert said["camera"]["distortion_model"] == "equidistant"
     assert set(said["camera"]["lens_left_out_rms_px"]) == set(LENSES)
-    assert cli("hand-eye", *files) == 0
-    assert "equidistant (fisheye)" in " ".join(capsys.readouterr().out.split())
+    assert cli("hand-eye", *files, "--out", tmp_path / "out") == 0
+    shown = " ".join(capsys.readouterr().out.split())
+    assert "equidistant (fisheye)" in shown
+    # How large the pictures are is in no file.
+    assert said["camera"]["width"] is None
+    assert "the least that holds all corners" in shown
+    assert (tmp_path / "out/camera.yaml").read_text().startswith("# image_width and image_height")
     assert cli("hand-eye", *files, "--lens", "equidistant", "--json") == 0
     said = json.loads(capsys.readouterr().out)
     assert said["camera"]["distortion_model"] == "equidistant"

@@ -32,7 +32,7 @@ class CameraInfoWriter(Writer):
 
     def content(self, result: Result, given: Given) -> bytes:
         """`camera.yaml`, with the matrices of a camera that is not rectified."""
-        label, camera = next(iter(_cameras(result, self.name).items()))
+        label, camera = next(iter(result.need_cameras(self.name).items()))
         name = given.text(NAME, _ros_name(label))
         if not name.replace("_", "").replace("/", "").isalnum():
             raise given.refuse(NAME, repr(name), "letters, digits, _ and /")
@@ -73,7 +73,7 @@ class OpencvCameraWriter(Writer):
     def content(self, result: Result, given: Given) -> bytes:
         """Size, matrix, and the coefficients; and their model, for which OpenCV has no key."""
         del given
-        return _file_storage(next(iter(_cameras(result, self.name).values())))
+        return _file_storage(next(iter(result.need_cameras(self.name).values())))
 
     def more(self, result: Result, given: Given) -> Mapping[str, bytes]:
         """A file for every other camera."""
@@ -102,7 +102,7 @@ class KalibrWriter(Writer):
 
     def content(self, result: Result, given: Given) -> bytes:
         """Every camera; its radtan has no k3, so that a lens with one is refused."""
-        cameras = _cameras(result, self.name)
+        cameras = result.need_cameras(self.name)
         names = [f"cam{k}" for k in range(len(cameras))]
         if name := given.text(NAME, ""):
             if len(cameras) > 1:
@@ -137,14 +137,6 @@ def camchain_entry(camera: Camera, path: Path | None) -> dict[str, Any]:
         "intrinsics": camera.intrinsics[:4].tolist(),
         "resolution": [camera.width, camera.height],
     }
-
-
-def _cameras(result: Result, wanted: str) -> Mapping[str, Camera]:
-    """One or more, by their labels."""
-    if not result.cameras:
-        problem = f"no camera, which the format {wanted} needs"
-        raise InputError(problem, "the result of a job with a camera", file=result.path)
-    return result.cameras
 
 
 def _storage(matrix: FloatArray) -> str:
