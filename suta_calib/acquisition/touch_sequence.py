@@ -18,10 +18,12 @@ from suta_calib.arm_keys import read_arm as read_arm_of_job
 from suta_calib.errors import InputError, JobError, did_you_mean
 from suta_calib.inputs import UrdfFile
 from suta_calib.job.outline import read_outline
+from suta_calib.job.schema import given_poses
 from suta_calib.measurements import Artefact, read_artefact
 from suta_calib.model.arm import ArmModel
 from suta_calib.model.robot import chosen_chain
 from suta_calib.terms import KINDS, Term
+from suta_calib.terms.given_pose import GivenPose
 from suta_calib.terms.seating import ALWAYS_ALIKE
 
 # What is touched again and again at one and the same place: `TouchSequence.place`.
@@ -51,6 +53,7 @@ class ObservationRow:
             the same.
         chain: of several chains its own, and the one from whose tip it is touched.
         settings: values of the kind's own keys.
+        given: poses of places that the row states, by label.
     """
 
     job: Path
@@ -61,6 +64,7 @@ class ObservationRow:
     seated: bool = False
     chain: tuple[str, str] = ("", "")
     settings: Mapping[str, Any] = field(default_factory=dict)
+    given: Mapping[str, GivenPose] = field(default_factory=dict)
 
     def file(self, label: str, repeat: str) -> Path:
         """Where samples of this label go by default: the folder and the look of the glob."""
@@ -132,8 +136,14 @@ def read_row(
     artefact = None if file is None else read_artefact(file)
     seated, read = "seating" in row.section, CHAIN_KEYS.values(row.section)
     ends = read.get("chain", ""), read.get("base_chain", "")
-    settings = KINDS[row.kind].read_settings(row.section) if row.kind in KINDS else {}
-    return ObservationRow(job, name, row.kind, artefact, row.samples[0], seated, ends, settings)
+    kind = KINDS.get(row.kind)
+    settings = {} if kind is None else kind.read_settings(row.section)
+    given = {}
+    if kind is not None and kind.place and "pose" in row.section:
+        given = given_poses(row.section, kind)
+    return ObservationRow(
+        *(job, name, row.kind, artefact, row.samples[0], seated, ends, settings, given)
+    )
 
 
 def _chosen(job: Path, kinds: Mapping[str, str], which: str | None, usable: Sequence[str]) -> str:

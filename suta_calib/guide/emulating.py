@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from suta_calib.acquisition.measuring import MeasureOptions
-from suta_calib.acquisition.touch_sequence import Station
+from suta_calib.acquisition.touch_sequence import Station, kinds_of, read_row
 from suta_calib.arrays import FloatArray
 from suta_calib.device.device_file import device_text
 from suta_calib.emulation.accelerometer import COLUMNS, accelerometer
@@ -96,6 +96,13 @@ def emulated_arm(
     else:
         ((sort, label),) = measuring.labels.items()
         options = replace(options, script=measuring.job, chain=measuring.chain)
+        given = read_row(
+            measuring.job, measuring.observation, kinds_of(sort), measuring.chain
+        ).given
+        if place is None and (known := given.get(label)) is not None:
+            # It stands where the job says.
+            turned = np.eye(3) if known.rotation is None else known.rotation
+            place = PoseSpec(turned, known.position)
         if sort == "placement":
             names = tuple(station.name for station in left)
             options = replace(options, placements={label: place}, sequence=names)

@@ -6,11 +6,12 @@ what the page shows, and the page's buttons become keys.
 
 from __future__ import annotations
 
+import threading
 import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
-from itertools import count
+from itertools import chain, count
 from queue import Empty
 from types import MappingProxyType
 from typing import Any, Final
@@ -180,10 +181,12 @@ class Guide:
         if not self._emulate:
             yield
             return
-        self._say("starting the emulated arm")
         place = None if planned is None else PoseSpec(planned.rotation, planned.position)
         _, left = stations_of(self._options)
-        with emulated_arm(self._options, place, left) as postures:
+        with ExitStack() as stack:
+            what = f"the emulated arm: looking for its postures at {len(left)} places"
+            with said_every_few_seconds(what, self._say):
+                postures = stack.enter_context(emulated_arm(self._options, place, left))
             if self._options.free:
                 self._goals = tuple(zip((s.name for s in left), postures, strict=True))
             yield
@@ -372,7 +375,7 @@ class Guide:
             self.page.show(determined=_so_far(answer))
             self._mark()
         elif what == "determined":
-            self.page.show(determined={"state": "Not yet: there are too few samples"})
+            self.page.show(determined={"state": f"Not yet: measure {self._needed()}"})
         elif isinstance(answer, NextPlace):
             if measuring and self._options.free:
                 self._show_goal(answer.readings)
@@ -387,10 +390,24 @@ class Guide:
             self.page.show(verdict={"level": "bad", "word": "Not calibrated", "text": answer.why})
             self._say(answer.why)
         elif what != "calibrated" and not measuring:
-            why = answer.why if isinstance(answer, Unanswered) else "There are too few samples yet."
-            self.page.show(plan={"head": "No best place was found", "why": why})
+            found = answer.found or answer.why if isinstance(answer, Unanswered) else ""
+            why = f"None could be planned ({found or 'too few samples'}): measure {self._needed()}."
+            self.page.show(plan={"head": "Choose the next place yourself", "why": why})
         if what == "calibrated":
             self.page.press("calibrated")
+
+    def _needed(self) -> str:
+        """What is to be measured where the samples do not yet determine anything."""
+        if self._stations is None:
+            return _label(self._options)
+        left = sum(state.status != "taken" for state in self._stations.states)
+        if left:
+            return f"{left} more of {_label(self._options)}"
+        if self._options.free:
+            return "more postures, unlike the others"
+        if self._artefact is None:
+            return "another place"
+        return "another placement, turned or elsewhere"
 
     def _show_planned(self, planned: NextPlace) -> None:
         """The place that tells most, and a button that goes there."""
@@ -405,6 +422,27 @@ class Guide:
         self.page.show(plan={"head": head, "why": why})
         self._offer()
         self._mark()
+
+
+@contextmanager
+def said_every_few_seconds(
+    what: str, say: Callable[[str], None], pause: float = 3.0
+) -> Iterator[None]:
+    """Say what goes on within it, and after each pause, s, for how long it has gone on."""
+    over, start = threading.Event(), time.monotonic()
+
+    def repeat() -> None:
+        while not over.wait(pause):
+            say(f"{what}, {time.monotonic() - start:.0f} s so far")
+
+    say(what)
+    saying = threading.Thread(target=repeat, name="progress", daemon=True)
+    saying.start()
+    try:
+        yield
+    finally:
+        over.set()
+        saying.join()
 
 
 def next_label(
@@ -447,8 +485,10 @@ def next_label(
             taken.update(map(str, read_csv_table(file).labels(place, "a label column")))
     except SamplesError:
         pass
-    for number in count(1):
-        label = f"{letter}{number}"
+    # Those of which the job says where they are come first, by the names that it has for them.
+    for label in chain(row.given, (f"{letter}{number}" for number in count(1))):
+        if not label:
+            continue  # The pose of the only place, whatever it is called.
         if {place: label} == after:
             continue
         if label not in taken:

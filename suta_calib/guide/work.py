@@ -18,7 +18,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final, Self
 
-from suta_calib.errors import SutaCalibError
+from suta_calib.errors import InputError, SutaCalibError
 from suta_calib.guide.calibrating import calibrated
 from suta_calib.guide.determined import determined, next_place, next_posture
 
@@ -32,9 +32,10 @@ _TASKS: Final[dict[str, Callable[[Path], Any]]] = {
 
 @dataclass(frozen=True)
 class Unanswered:
-    """Why there is no answer."""
+    """Why there is no answer: as a message that names files, and what was found alone."""
 
     why: str
+    found: str = ""
 
 
 class Worker:
@@ -111,6 +112,7 @@ def main() -> None:
             try:
                 answer = _TASKS[what](job)
             except SutaCalibError as error:
-                answer = Unanswered(str(error))
+                found = f"found {error.found}" if isinstance(error, InputError) else str(error)
+                answer = Unanswered(str(error), found)
             pickle.dump(answer, answers)
             answers.flush()

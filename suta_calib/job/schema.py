@@ -157,13 +157,13 @@ def _observation(row: YamlSection, *, filled: bool = True) -> ObservationSpec:
             at=("seating", "rotation_deg"),
             hint="remove it: distances do not depend on the tip's orientation",
         )
-    settings, given = kind.read_settings(row), _given(row, kind)
+    settings, given = kind.read_settings(row), given_poses(row, kind)
     return ObservationSpec(
         kind.kind, *files, line=row.line, settings=settings, given=given, **values
     )
 
 
-def _given(row: YamlSection, kind: type[Term]) -> dict[str, GivenPose]:
+def given_poses(row: YamlSection, kind: type[Term]) -> dict[str, GivenPose]:
     """``pose`` of the only place or of what sees, or poses by label; and frames by their keys."""
     keys = [frame.key for frame in kind.frames if frame.key in row]
     given = {key: GivenPose.read(row.section(key)) for key in keys}

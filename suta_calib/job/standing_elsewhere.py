@@ -10,7 +10,10 @@ import yaml
 
 from suta_calib.errors import JobError, OutputError, SamplesError
 from suta_calib.measurements import YamlSection, read_yaml, write_text
+from suta_calib.measurements.csv_table import read_csv_table
 from suta_calib.measurements.files import expand
+from suta_calib.terms import KINDS
+from suta_calib.terms.given_pose import POSE_KEYS
 
 # Values of these keys are names, also where a file is called alike.
 _NAMES: Final = frozenset({"kind", "select", "tip", "base", "chain", "link", "label"})
@@ -36,10 +39,10 @@ def job_for_other_samples(job: Path, target: Path) -> Path:
 
 
 def job_so_far(job: Path, target: Path) -> Path | None:
-    """A job of the rows that have samples now.
+    """A job of the rows that have samples now, without poses of places that have none.
 
     Returns:
-        The job itself where all rows have some; ``target`` where some have none, written for it;
+        The job itself where all have some; ``target`` where some have none, written for it;
         None where no row to be fitted has any.
 
     Raises:
@@ -50,10 +53,12 @@ def job_so_far(job: Path, target: Path) -> Path | None:
         _read(job), job.parent, lambda pattern: str(_absolute(job.parent / pattern))
     )
     groups = [group for group in ("observations", "validation") if group in written]
-    rows = {group: [row for row in written[group] if _measured(row)] for group in groups}
+    rows = {
+        group: [_of_places(row) for row in written[group] if _measured(row)] for group in groups
+    }
     if not rows.get("observations"):
         return None
-    if all(len(rows[group]) == len(written[group]) for group in groups):
+    if all(rows[group] == written[group] for group in groups):
         return job
     merged = {key: rows.get(key, part) for key, part in written.items()}
     return _write(
@@ -92,10 +97,32 @@ def _absolute(path: Path) -> Path:
 
 def _measured(row: Any) -> bool:
     """Whether files of samples are there that a row names."""
-    patterns = row.get("samples", ())
     try:
-        for pattern in [patterns] if isinstance(patterns, str) else patterns:
-            expand(pattern, Path())
+        _files(row)
     except SamplesError:
         return False
     return True
+
+
+def _files(row: Any) -> list[Path]:
+    patterns = row.get("samples", ())
+    patterns = [patterns] if isinstance(patterns, str) else patterns
+    return [file for pattern in patterns for file in expand(pattern, Path())]
+
+
+def _of_places(row: Any) -> Any:
+    """A row that states poses by label: of those places that its samples have."""
+    kind, poses = KINDS.get(row.get("kind")), row.get("pose")
+    if kind is None or not kind.place or not isinstance(poses, dict):
+        return row
+    if not {*POSE_KEYS.names}.isdisjoint(poses):
+        return row
+    there = set[str]()
+    try:
+        for file in _files(row):
+            there.update(map(str, read_csv_table(file).labels(kind.place, "a label column")))
+    except SamplesError:
+        return row
+    kept = {label: pose for label, pose in poses.items() if str(label) in there}
+    rest = {key: part for key, part in row.items() if key != "pose"}
+    return rest | ({"pose": kept} if kept else {})

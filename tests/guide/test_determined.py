@@ -6,6 +6,7 @@ import shutil
 from pathlib import Path
 
 import pytest
+import yaml
 
 from suta_calib.guide.determined import determined, next_place
 from suta_calib.job.calibration import CalibrationJob
@@ -63,6 +64,19 @@ def test_a_job_of_the_rows_that_are_measured(job: Path, repository: Path) -> Non
     assert loaded.validation == ()
     shutil.copytree(job.parent / "calibration", job.parent / "validation")
     assert job_so_far(job, target) == job
+
+
+def test_a_place_that_is_stated_and_not_measured_yet_hinders_nothing(
+    job: Path, repository: Path
+) -> None:
+    measure(job, repository, 4)
+    row = "{kind: pairwise_distance, "
+    pose = "{position_mm: [170, 0, 0]}"
+    text = job.read_text().replace(row, f"{row}pose: {{P1: {pose}, sheet: {pose}}}, ", 1)
+    job.write_text(text)
+    target = job_so_far(job, job.parent / "so_far.yaml")
+    assert target is not None
+    assert [*yaml.safe_load(target.read_text())["observations"][0]["pose"]] == ["P1"]
 
 
 def test_a_job_is_tried_beside_the_measured_one(job: Path, repository: Path) -> None:

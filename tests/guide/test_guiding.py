@@ -21,7 +21,7 @@ from suta_calib.errors import DeviceError, InputError, JobError
 from suta_calib.guide import emulating, guiding
 from suta_calib.guide.calibrating import GuidedCalibration
 from suta_calib.guide.determined import Determined, NextPlace, SoFar
-from suta_calib.guide.guiding import Guide, GuideOptions, next_label
+from suta_calib.guide.guiding import Guide, GuideOptions, next_label, said_every_few_seconds
 from suta_calib.guide.work import Unanswered, Worker
 
 pytest.importorskip("viser")
@@ -168,7 +168,10 @@ def test_what_is_missing_is_offered(guide: Guide, monkeypatch: pytest.MonkeyPatc
     guide.run()
     assert sequences == [None, ("M1", "M2")]
     # Why nothing is proposed is said.
-    assert guide.page.shown("plan")["why"] == "nothing is known"
+    why = (
+        "None could be planned (nothing is known): measure another placement, turned or elsewhere."
+    )
+    assert guide.page.shown("plan")["why"] == why
 
 
 def test_what_does_not_fit_is_said_until_it_is_taken_again(
@@ -351,6 +354,48 @@ def test_the_next_label(options: GuideOptions) -> None:
     assert next_label(measuring) == {"placement": "P2"}
     with pytest.raises(JobError, match="plane"):
         next_label(measuring, "plane")
+
+
+def test_a_place_that_the_job_states_comes_first_by_its_name(options: GuideOptions) -> None:
+    measuring = options.measuring
+    text = measuring.job.read_text()
+    pose = "pose: {sheet: {position_mm: [170, 0, 0], rotation_rpy_deg: [0, 0, 0]}}"
+    row = "{kind: pairwise_distance, "
+    assert row in text
+    measuring.job.write_text(text.replace(row, f"{row}{pose}, ", 1))
+    assert next_label(measuring) == {"placement": "sheet"}
+    assert next_label(measuring, after={"placement": "sheet"}) == {"placement": "P1"}
+
+
+def test_what_takes_long_is_said_again_and_again() -> None:
+    lines = list[str]()
+    twice = threading.Event()
+
+    def say(line: str) -> None:
+        lines.append(line)
+        if len(lines) > 2:
+            twice.set()
+
+    with said_every_few_seconds("looking", say, pause=0.01):
+        assert twice.wait(10)
+    assert lines[:2] == ["looking", "looking, 0 s so far"]
+
+
+def test_a_plan_that_fails_is_one_sentence_and_no_message_of_a_file(
+    guide: Guide, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    why = Unanswered(
+        "/tmp/x/calibration.yaml:16: pose: found a pose; expected none", "found a pose"
+    )
+    monkeypatch.setattr(Answering, "answers", {"determined": why, "next": why})
+    monkeypatch.setattr(Answering, "presses", (("next", "end"),))
+    monkeypatch.setattr(guiding, "measure", session("taken next"))
+    guide.run()
+    assert guide.page.shown("plan") == {
+        "head": "Choose the next place yourself",
+        "why": "None could be planned (found a pose): measure 1 more of P1.",
+    }
+    assert guide.page.shown("determined") == {"state": "Not yet: measure P1"}
 
 
 def test_a_job_in_which_nothing_is_touched(options: GuideOptions) -> None:
