@@ -10,7 +10,7 @@ doi:10.1093/biomet/58.3.545). Scans that the others prove wrong are left out.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Final
 
 import numpy as np
@@ -82,6 +82,7 @@ class ScanFit:
         levels: (2,) standard deviations of the two sources of noise.
         covariance: (3 + k, 3 + k) of a turn of X about its own axes and of all else.
         freedom: numbers that the scans give beyond the unknowns.
+        turned: (n,) scans that were not fitted because x of their profile is reversed.
     """
 
     model: ScanModel
@@ -90,11 +91,27 @@ class ScanFit:
     levels: FloatArray
     covariance: FloatArray
     freedom: int
+    turned: BoolArray
 
     @property
     def outliers(self) -> list[int]:
         """Scans that the others prove wrong, from 0."""
         return np.flatnonzero(~self.inliers).tolist()
+
+    @property
+    def fit_turned(self) -> BoolArray:
+        """(n,) scans that were not fitted, and fit well with x reversed."""
+        nowhere, every = np.zeros_like(self.inliers), np.ones_like(self.inliers)
+        again = self.misfit(self.model.reversed(every), nowhere)
+        return np.asarray(~self.inliers & (again <= self.well))
+
+    @property
+    def well(self) -> FloatArray:
+        """(n,) misfit below which a change makes a scan right.
+
+        It brings it well among the others, not to their edge.
+        """
+        return np.minimum(0.5, self.misfit(self.model, np.zeros_like(self.inliers)) / 8.0)
 
     def misfit(self, model: ScanModel, fitted: BoolArray) -> FloatArray:
         """(n,) how far scans are off, over what a scan may be: above one it is wrong.
@@ -103,15 +120,19 @@ class ScanFit:
             model: of the scans.
             fitted: (n,) whether the answer followed them.
         """
+        size = model.residuals(self.state)[0].shape[2]
+        # Probability that a set without wrong scans loses one.
+        chance = 0.01 / len(fitted)
+        limit = size * fdtri(size, max(self.freedom, 1), 1.0 - chance)
+        return np.asarray(self.distance(model, fitted) / limit)
+
+    def distance(self, model: ScanModel, fitted: BoolArray) -> FloatArray:
+        """(n,) squared distances of scans, in units of what they scatter; else as `misfit`."""
         residual, slope = model.residuals(self.state)
-        size = residual.shape[2]
         total = _total(model, self.state, self.levels)
         of_answer = slope[0] @ self.covariance @ np.swapaxes(slope[0], 1, 2)
         total = np.where(fitted[:, None, None], total, total + of_answer)
-        distance = np.einsum("ni,nij,nj->n", residual[0], np.linalg.inv(total), residual[0])
-        # Probability that a set without wrong scans loses one.
-        chance = 0.01 / len(residual[0])
-        return np.asarray(distance / (size * fdtri(size, max(self.freedom, 1), 1.0 - chance)))
+        return np.asarray(np.einsum("ni,nij,nj->n", residual[0], np.linalg.inv(total), residual[0]))
 
 
 def _total(model: ScanModel, state: Answers, levels: FloatArray) -> FloatArray:
@@ -130,13 +151,49 @@ def fit_scans(model: ScanModel, *, robust: bool = True) -> ScanFit:
         size = np.linalg.norm(residual[0], axis=1)
         inliers = size <= max(4.0 * model.typical(state), float(np.median(size)))
     fit = _settled(model, state, inliers)
-    for _ in range(10 if robust else 0):
-        agreeing = fit.misfit(model, fit.inliers) <= 1.0
+    return _without_turned(_agreed(fit)) if robust else fit
+
+
+def _agreed(fit: ScanFit) -> ScanFit:
+    """The same without the scans that the others prove wrong."""
+    for _ in range(10):
+        agreeing = fit.misfit(fit.model, fit.inliers) <= 1.0
         # Fewer than half are no majority.
-        if np.array_equal(agreeing, fit.inliers) or 2 * agreeing.sum() <= count:
+        if np.array_equal(agreeing, fit.inliers) or 2 * agreeing.sum() <= len(agreeing):
             break
-        fit = _settled(model, fit.state, agreeing)
+        fit = _settled(fit.model, fit.state, agreeing)
     return fit
+
+
+def _without_turned(fit: ScanFit) -> ScanFit:
+    """The same without profiles that were turned about the beam, but were followed by it.
+
+    Of many turned profiles some pull the answer to themselves. Once those that are known are turned
+    back, the others are found by an answer that all of these give.
+    """
+    known = fit.fit_turned
+    if not known.any():
+        return fit
+    model, every = fit.model, np.ones_like(known)
+    turned, back, follow = known, fit, fit.inliers | known
+    # Turned back scans show others: until they show no more.
+    for _ in range(5):
+        back = _agreed(_settled(model.reversed(turned), back.state, follow))
+        nowhere = np.zeros_like(known)
+        gain = back.distance(back.model, nowhere)
+        gain = gain - back.distance(back.model.reversed(every), nowhere)
+        # Twice the logarithm of the likelihood ratio that is worth a trial: one in seven.
+        more = gain > 4.0
+        if not more.any():
+            break
+        turned, follow = turned ^ more, back.inliers | more
+    # Of a profile that fits both ways nothing is said: e⁷ is a thousand.
+    turned = turned & (gain < -2.0 * 7.0)
+    sound = ~turned & (back.misfit(model, back.inliers & ~turned) <= 1.0)
+    # More than half would be no outliers, and of less than a third too little would be left.
+    if 2 * turned.sum() > len(turned) or 3 * sound.sum() < len(turned):
+        return replace(fit, turned=known)
+    return replace(_settled(model, back.state, sound), turned=turned)
 
 
 def _settled(model: ScanModel, state: Answers, inliers: BoolArray) -> ScanFit:
@@ -156,7 +213,7 @@ def _settled(model: ScanModel, state: Answers, inliers: BoolArray) -> ScanFit:
     # The noise of few scans is itself uncertain: errors in units of it have Student's variance.
     student = freedom / (freedom - 2.0) if freedom > 2 else 3.0
     covariance = student * free @ _inverse(inner) @ free.T
-    return ScanFit(model, state, inliers, levels, covariance, freedom)
+    return ScanFit(model, state, inliers, levels, covariance, freedom, np.zeros_like(inliers))
 
 
 def _information(slope: FloatArray, weight: NDArray[Any]) -> FloatArray:
@@ -224,12 +281,9 @@ def _levels(model: ScanModel, state: Answers, start: FloatArray) -> FloatArray:
 def causes(fit: ScanFit, names: Sequence[str]) -> list[str]:
     """What would make scans agree that do not, one sentence each."""
     nowhere = np.zeros_like(fit.inliers)
-    # What makes a scan right brings it well among the others, not to their edge.
-    far = np.minimum(0.5, fit.misfit(fit.model, nowhere) / 8.0)
-    wrong, found = np.flatnonzero(~fit.inliers).tolist(), list[str]()
-    turned = fit.misfit(fit.model.reversed(), nowhere)
-    if rows := [k for k in wrong if turned[k] <= far[k]]:
-        wrong = [k for k in wrong if k not in rows]
+    well, found = fit.well, list[str]()
+    wrong = np.flatnonzero(~fit.inliers & ~fit.turned).tolist()
+    if rows := np.flatnonzero(fit.turned).tolist():
         found.append(
             f"{_fit(rows, names)} the others with x reversed: the profile was turned by 180° about "
             f"the beam. Change the sign of x in {_these(rows)}, or leave {_them(rows)} out."
@@ -242,7 +296,7 @@ def causes(fit: ScanFit, names: Sequence[str]) -> list[str]:
             swapped = order.copy()
             swapped[[j, k]] = k, j
             again = fit.misfit(fit.model.exchanged(swapped), nowhere)
-            if np.all(again[[j, k]] <= far[[j, k]]):
+            if np.all(again[[j, k]] <= well[[j, k]]):
                 left.remove(k)
                 found.append(
                     f"{_fit([j, k], names)} the others if the two are exchanged. Check which "

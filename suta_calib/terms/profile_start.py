@@ -56,8 +56,8 @@ class ScanModel(ABC):
         """The same of some of the scans."""
 
     @abstractmethod
-    def reversed(self) -> Self:
-        """The same with every profile turned by 180° about the beam."""
+    def reversed(self, rows: BoolArray) -> Self:
+        """The same with some profiles turned by 180° about the beam."""
 
     @abstractmethod
     def exchanged(self, order: IntArray) -> Self:
@@ -162,9 +162,14 @@ class BallModel(ScanModel):
         hand, arcs, scatter = some_poses(self.hand, rows), self.arcs[rows], self.scatter[rows]
         return type(self)(hand, arcs, self.radius, scatter)
 
-    def reversed(self) -> Self:
-        """The same with every profile turned by 180° about the beam."""
-        return type(self)(self.hand, self.arcs * [-1.0, 1.0, 1.0], self.radius, self.scatter)
+    def reversed(self, rows: BoolArray) -> Self:
+        """The same with some profiles turned by 180° about the beam."""
+        return type(self)(
+            self.hand,
+            np.where(rows[:, None], [-1.0, 1.0, 1.0], 1.0) * self.arcs,
+            self.radius,
+            self.scatter,
+        )
 
     def exchanged(self, order: IntArray) -> Self:
         """The same with the profiles in another order, the hand as it is."""
@@ -270,9 +275,13 @@ class PlaneModel(ScanModel):
         """The same of some of the scans."""
         return type(self)(some_poses(self.hand, rows), self.ends[rows], self.scatter[rows])
 
-    def reversed(self) -> Self:
-        """The same with every profile turned by 180° about the beam."""
-        return type(self)(self.hand, self.ends * [-1.0, 1.0, 1.0], self.scatter)
+    def reversed(self, rows: BoolArray) -> Self:
+        """The same with some profiles turned by 180° about the beam."""
+        return type(self)(
+            self.hand,
+            np.where(rows[:, None, None], [-1.0, 1.0, 1.0], 1.0) * self.ends,
+            self.scatter,
+        )
 
     def exchanged(self, order: IntArray) -> Self:
         """The same with the profiles in another order, the hand as it is."""

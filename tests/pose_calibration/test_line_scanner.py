@@ -79,6 +79,21 @@ def test_scans_that_are_turned_or_exchanged_are_named() -> None:
     assert note.startswith("Scans s2, s9 fit the others if the two are exchanged")
 
 
+@pytest.mark.parametrize("seed", [2, 4])
+def test_of_many_turned_scans_none_is_followed(seed: int) -> None:
+    """A ball near the beam fits both ways at first: the others tell it, or it means little."""
+    scans = line_scans(seed, count=20)
+    points, profiles = scans.profiles.by_scan(), scans
+    for name in scans.scans[11:]:
+        profiles = replace(profiles, profiles=profiles.changed(name, points[name] * [-1.0, 1.0]))
+    found = solved(profiles)
+    assert np.sum(found.inliers[11:]) <= 1
+    assert found.inliers[:11].all()
+    assert np.all(np.abs(off(found)) < 4.5)
+    assert found.assessment.level in ("care", "bad")
+    assert any("with x reversed" in note for note in found.assessment.notes)
+
+
 def test_a_hollow_and_too_few_points_are_left_out_with_a_word() -> None:
     scans = line_scans(4)
     points = scans.profiles.by_scan()
