@@ -63,6 +63,7 @@ class FoundChange(Displayable):
         instead: what explains the rows nearly as well.
         names: parameters that describe it; empty where none do.
         at_tip: by how much it moves the tips of these rows, RMS, m; NaN where they do not move.
+        since: file and row at which it began; empty where all rows show it.
     """
 
     what: str
@@ -71,6 +72,7 @@ class FoundChange(Displayable):
     instead: tuple[str, ...] = ()
     names: tuple[str, ...] = ()
     at_tip: float = math.nan
+    since: str = ""
 
     @property
     def amount(self) -> str:
@@ -78,11 +80,19 @@ class FoundChange(Displayable):
         return enumerated([with_std(*amount, unit) for unit, amount in self.amounts.items()])
 
     @property
+    def implausible(self) -> bool:
+        """Whether it is larger than anything that happens unnoticed."""
+        return any(
+            abs(by) > PLAUSIBLE.get(unit, math.inf) for unit, (by, _) in self.amounts.items()
+        )
+
+    @property
     def sentence(self) -> str:
         """What changed by how much, and what cannot be told from it."""
         if self.what == UNKNOWN:
             return (
-                "The rows do not agree with the calibration, and no single change explains them. "
+                "The rows do not agree with the calibration, and no single change over all of them "
+                "explains them. "
                 "They may be of another arm or another result. Check that; else calibrate again."
             )
         moved = (
@@ -90,8 +100,9 @@ class FoundChange(Displayable):
             if math.isnan(self.at_tip)
             else f": {text(self.at_tip, 'm', with_unit=True)} at the tip"
         )
-        first = f"The {said(self.what)} changed by {self.amount}{moved}."
-        if any(abs(amount) > PLAUSIBLE.get(u, math.inf) for u, (amount, _) in self.amounts.items()):
+        the = f"From {self.since} on: the" if self.since else "The"
+        first = f"{the} {said(self.what)} changed by {self.amount}{moved}."
+        if self.implausible:
             first += (
                 " Nothing changes by so much unnoticed: look for another unit (samples are in m "
                 "and rad; a device may give mm), another arm or another result."
@@ -130,6 +141,7 @@ class Check(Displayable):
         false_alarm: rate that was asked for.
         values: of all parameters of the rows, with what changed.
         notes: what must be known of it.
+        first: number of the sample from which on something changed.
         before, after: RMS of the errors of each term's first block, m or rad, with the calibration
             as it was, and with what changed.
     """
@@ -145,6 +157,7 @@ class Check(Displayable):
     bad_samples: tuple[int, ...] = ()
     before: tuple[tuple[str, float, Unit], ...] = ()
     after: tuple[tuple[str, float, Unit], ...] = ()
+    first: int = 0
 
     @property
     def unchanged(self) -> bool:
@@ -394,10 +407,92 @@ class Checking:
 
     @single_threaded
     def run(self) -> Check:
-        """What changed."""
+        """What changed, in all rows or from one of them on."""
+        check, explained, left = self._over_all()
+        untidy = len(check.changed) > 1 or len(check.bad_rows) > 1
+        if check.unchanged or not (untidy or check.changed[0].what == UNKNOWN):
+            return check
+        since = self._since(check, explained)
+        if since is not None:
+            return since
+        if not left or any(change.implausible for change in check.changed):
+            return check
+        # What leaves the rows far beyond their noise is not what changed.
+        unknown = FoundChange(UNKNOWN, {}, check.p)
+        return replace(check, changed=(unknown,), bad_rows=(), bad_samples=(), after=check.before)
+
+    def split(self, first: int) -> tuple[Checking, Checking]:
+        """Checks of the samples before one, and from it on."""
+        before, after = list[Term](), list[Term]()
+        for term in self.start.problem.terms:
+            count = len(term.poses)
+            here = min(max(first, 0), count)
+            before += [term.take(np.arange(here))] if here else []
+            after += [term.take(np.arange(here, count))] if here < count else []
+            first -= count
+        return (
+            self.checker.checking(before, self.false_alarm),
+            self.checker.checking(after, self.false_alarm),
+        )
+
+    def _since(self, check: Check, explained: float) -> Check | None:
+        """A change that began at one of the rows, if that explains more than one over all rows.
+
+        The alarm is that of all rows, so that the search makes none; its p-values are of the best.
+        """
+        onsets = np.arange(1, len(self.start.shared.posture) - 1)
+        if len(self.start.shared.sample) > 1 or not len(onsets):
+            return None
+        # So many are weighed within a second; between two of them it is looked at more closely.
+        step = -(-len(onsets) // 64)
+        first, criterion = self._best_onset(onsets[::step], len(onsets))
+        if step > 1:
+            near = onsets[np.abs(onsets - first) < step]
+            first, criterion = self._best_onset(near, len(onsets))
+        if criterion <= explained:
+            return None
+        before, after = self.split(first)
+        (sound, *_), (found, *_) = before._over_all(), after._over_all()
+        if not sound.unchanged or found.unchanged or found.changed[0].what == UNKNOWN:
+            return None
+        origin = [row for t in self.start.problem.terms for row in t.poses.samples.origin]
+        changed = [
+            replace(c, since=origin[first], p=min(1.0, c.p * len(onsets))) for c in found.changed
+        ]
+        return replace(
+            check,
+            changed=tuple(changed),
+            bad_rows=(*sound.bad_rows, *found.bad_rows),
+            bad_samples=(*sound.bad_samples, *(first + k for k in found.bad_samples)),
+            values=found.values,
+            before=found.before,
+            after=found.after,
+            first=first,
+        )
+
+    def _best_onset(self, onsets: IntArray, tried: int) -> tuple[int, float]:
+        """Sample from which on some change explains most, and by Schwarz's criterion how much."""
+        nothing = np.zeros(0, dtype=np.intp), np.zeros((len(self.start.residual), 0))
+        sample, log_choices = self.start.shared.sample[0], math.log(tried)
+        suspects = suspects_of(self.start, self.checker.values)
+        fit, best = self.fit(self.start, *nothing), (0, -math.inf)
+        for onset in onsets.tolist():
+            later = (sample >= onset)[:, None]
+            begun = [replace(s, columns=s.columns * later) for s in suspects]
+            effects = [replace(e, log_choices=log_choices) for e in self.effects(begun)]
+            for evidence in weigh_effects(fit, effects)[:1]:
+                best = max(best, (onset, evidence.criterion(fit.rows)), key=lambda one: one[1])
+        return best
+
+    def _over_all(self) -> tuple[Check, float, bool]:
+        """What changed in all rows alike; how much that explains, and whether too much is left.
+
+        The first by Schwarz's criterion.
+        """
         rows, freed = self.start, np.zeros(0, dtype=np.intp)
         extra, bad, changes = np.zeros((len(rows.residual), 0)), list[int](), list[FoundChange]()
         fit = self.fit(rows, freed, extra)
+        squares = fit.squares
         candidates = candidates_of(rows, self.checker.values)
         evidence = weigh_effects(fit, self.effects(candidates))
         kinds = zip(self.checker.errors.kinds, self.by_noise, strict=True)
@@ -434,7 +529,8 @@ class Checking:
         if not changes and family.p_of_all(fit) < self.false_alarm:
             changes.append(FoundChange(UNKNOWN, {}, family.p_of_all(fit)))
         origin = [row for t in self.start.problem.terms for row in t.poses.samples.origin]
-        return Check(
+        penalty = (len(freed) + extra.shape[1]) * math.log(max(fit.rows, 2.0))
+        check = Check(
             tuple(changes),
             power,
             tuple(origin[k] for k in bad),
@@ -446,6 +542,8 @@ class Checking:
             before=_errors_of(self.start),
             after=_errors_of(rows),
         )
+        left = family.p_of_all(fit) < self.false_alarm
+        return check, squares - fit.squares - penalty, left
 
     def _freed(self, covariance: FloatArray) -> FloatArray:
         """(m, m) a covariance of the rows, freed of their total one."""

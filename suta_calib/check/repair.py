@@ -93,13 +93,16 @@ def repaired(checking: Checking, check: Check) -> Repair:
         checking: the check.
         check: its answer, of which `can_repair` is true.
     """
+    if check.first:
+        checking = checking.split(check.first)[1]
+    bad = [k - check.first for k in check.bad_samples if k >= check.first]
     before = checking.checker.solution
     again = tuple(dict.fromkeys(name for change in check.changed for name in change.names))
     names, covariance = checking.checker.estimated
     kept = [k for k, name in enumerate(names) if name not in again]
     values, vectors = np.linalg.eigh(covariance[np.ix_(kept, kept)])
     factor = vectors * np.sqrt(np.maximum(values, 0.0))
-    fit = _Update(checking, tuple(names[k] for k in kept), factor, again, check.bad_samples)
+    fit = _Update(checking, tuple(names[k] for k in kept), factor, again, bad)
     known, spread = fit.run()
     problem, x = _with_added(before, again, {**checking.checker.values, **known})
     index = {name: k for k, name in enumerate(problem.names)}
@@ -122,7 +125,7 @@ def repaired(checking: Checking, check: Check) -> Repair:
         ),
     }
     solution = RepairedSolution(**state, known=every, beside_scale=beside, again=again)
-    return Repair(check, solution, before, check.rows)
+    return Repair(check, solution, before, check.rows - check.first)
 
 
 def _with_added(

@@ -49,6 +49,7 @@ CHANGED: Final = Listing[FoundChange](
         "at_tip", "at the tip, mm", lambda row: None if math.isnan(row.at_tip) else row.at_tip, "m"
     ),
     Column("p", "p", cell=lambda row: _chance(row.p)),
+    Column("since", "from row", lambda row: row.since or None, optional=True),
     Column("instead", "or", lambda row: list(row.instead), cell=lambda row: ", ".join(row.instead)),
 )
 POWER: Final = Listing[FoundPower](

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -18,6 +19,8 @@ from simulated import (
 
 from suta_calib import InputError, Term
 from suta_calib.check import Check, Checker, repaired
+from suta_calib.check.checking import UNKNOWN
+from suta_calib.measurements import Samples
 
 
 def checked(term: Term) -> Check:
@@ -67,6 +70,40 @@ def test_these_rows_say_what_they_would_have_shown() -> None:
     for factor, most, fewest in ((1.0, 20, 15), (0.4, 10, 0)):
         found = [checked(with_joint_off(t, 1, factor * least)).changed for t in scene()[2]]
         assert fewest <= sum(map(bool, found)) <= most
+
+
+def some_off(rows: slice, joint: int = 1) -> Term:
+    """Eighteen rows, some of them with a joint off by 0.1°."""
+    term = checker().solution.problem.terms[0]
+    both = [later.poses.samples for later in scene()[2][5:7]]
+    term = term.over_poses(term.poses.with_samples(Samples.concatenate(both)))
+    q = term.poses.samples.q.copy()
+    q[rows, joint] += math.radians(0.1)
+    return term.over_poses(term.poses.with_samples(replace(term.poses.samples, q=q)))
+
+
+@pytest.mark.parametrize("joint", [1, 2])
+def test_a_change_in_the_middle_of_the_rows_is_named_from_there_on(joint: int) -> None:
+    term = some_off(slice(9, None), joint)
+    checking = checker().checking(term)
+    check = checking.run()
+    (change,) = check.changed
+    amount, std = change.amounts["rad"]
+    assert change.what == f"joint joint_{joint + 1}"
+    assert amount == pytest.approx(-math.radians(0.1), abs=4 * std)
+    # Errors of one row may hide the first that changed.
+    assert check.first in (8, 9, 10)
+    assert change.since == term.poses.samples.origin[check.first]
+    assert f"From {change.since} on: the zero of joint_{joint + 1}" in change.sentence
+    assert repaired(checking, check).rows == 18 - check.first
+
+
+def test_rows_that_no_one_change_explains_name_no_culprit() -> None:
+    """Each row is off another way, as of a loose target."""
+    loose = np.random.default_rng(3).normal(0.0, 2e-3, (18, 3))
+    check = checked(shifted(some_off(slice(0)), loose))
+    assert [(change.what, dict(change.amounts)) for change in check.changed] == [(UNKNOWN, {})]
+    assert not check.bad_rows
 
 
 def test_what_the_rows_cannot_show_is_named() -> None:
