@@ -39,12 +39,14 @@ class FileFormat:
         command: that reads it, as it is typed.
         read_by: names of all commands that do.
         read_as: what they raise then; anything where this is empty.
+        table: whether it is known by its columns, in the first line.
     """
 
     name: str
     command: str
     read_by: Collection[str]
     read_as: tuple[type[InputError], ...] = ()
+    table: bool = False
 
     @property
     def hint(self) -> str:
@@ -61,6 +63,7 @@ class _Own:
     command: str
     read_by: Collection[str]
     read_as: tuple[type[InputError], ...] = ()
+    table: bool = False
 
 
 def _has(*keys: str) -> Callable[[str], bool]:
@@ -134,6 +137,7 @@ _OWN: Final = (
         "pairs of poses",
         "suta-calib hand-eye {}",
         ("hand-eye", "import"),
+        table=True,
     ),
     _Own(
         _columns("placement", "landmark"),
@@ -141,18 +145,21 @@ _OWN: Final = (
         _NAMED.format("samples"),
         _ROWS,
         (SamplesError,),
+        table=True,
     ),
     _Own(
         _columns("feature", "landmark", "index"),
         "points of a laser tracker on an artefact",
         "suta-calib certify {} --out artefact.yaml",
         ("certify",),
+        table=True,
     ),
     _Own(
         _columns("x(_mm)?", "y(_mm)?", "z(_mm)?", "qx", "qy", "qz", "qw", at_most=8),
         "poses of a tool",
         "suta-calib pivot {}",
         ("pivot", "register", "path-accuracy", "import"),
+        table=True,
     ),
 )
 
@@ -164,9 +171,8 @@ def recognised_format(path: Path) -> FileFormat | None:
         head = beginning(path)
         for form in _OWN:
             if form.begins(head):
-                return FileFormat(
-                    form.name, form.command.format(quoted), form.read_by, form.read_as
-                )
+                command = form.command.format(quoted)
+                return FileFormat(form.name, command, form.read_by, form.read_as, form.table)
         reader = recognised(path)
         if reader.name == TABLE:
             return None
@@ -185,6 +191,9 @@ def other_format(error: InputError, command: str) -> str:
         return ""
     found = recognised_format(error.file)
     if found is None:
+        return ""
+    if found.table and error.line is not None and error.line > 1:
+        # Of a row: the columns are those that the command asks for.
         return ""
     right = command in found.read_by and isinstance(error, found.read_as or InputError)
     return "" if right else found.hint

@@ -132,11 +132,13 @@ class BoardPictures:
         board: that is seen.
         camera: that sees it.
         pixels: (n, points, 2) px; NaN where a corner was not found.
+        from_file: whether a file has the camera, not these pictures with a model of the lens.
     """
 
     board: Board
     camera: Camera
     pixels: FloatArray
+    from_file: bool = True
 
     @cached_property
     def points(self) -> FloatArray:

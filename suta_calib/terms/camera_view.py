@@ -91,6 +91,7 @@ class CameraView(BoardEyeTerm):
         noise: scatter and robustness of a corner, m at the board.
         prior: of the intrinsics (n,), standard deviations.
         lens_choice: how the model of the lens was chosen, where no file says it.
+        from_file: whether a file has the camera; otherwise it is found from the pictures.
         line_delay: how long a row of the picture takes, of a camera with a rolling shutter; None
             where all rows are of one moment.
 
@@ -123,6 +124,7 @@ class CameraView(BoardEyeTerm):
     prior: FloatArray | None = None
     line_delay: LineDelay | None = None
     lens_choice: LensChoice | None = None
+    from_file: bool = True
 
     @property
     def of_clock(self) -> tuple[Parameter, ...]:
@@ -222,7 +224,7 @@ class CameraView(BoardEyeTerm):
         poses, prior = with_corners(poses, corners, board), None
         if camera is None:
             camera, more["lens_choice"] = camera_alone(corners, board, lens)
-            prior = UNCALIBRATED.stds(camera)
+            prior, more["from_file"] = UNCALIBRATED.stds(camera), False
         elif camera.corners:
             prior = prior_beside(camera, corners)
         return cls(poses, board, camera, prior=prior, **more).numbered_alike(corners.path)
@@ -236,7 +238,7 @@ class CameraView(BoardEyeTerm):
     def settings(self) -> Mapping[str, Any]:
         """Board, camera and where it is."""
         names = ("board", "camera", "setup", "free", "pixel", "target", "prior")
-        more = ("line_delay", "lens_choice")
+        more = ("line_delay", "lens_choice", "from_file")
         return {name: getattr(self, name) for name in (*names, *more)}
 
     @property
@@ -398,7 +400,7 @@ class CameraView(BoardEyeTerm):
     @cached_property
     def pictures(self) -> BoardPictures:
         """What the corners tell without the poses of any hand."""
-        return BoardPictures(self.board, self.camera, self.pixels)
+        return BoardPictures(self.board, self.camera, self.pixels, self.from_file)
 
     @property
     def seen_poses(self) -> Poses:

@@ -154,6 +154,12 @@ def _other_camera(pictures: BoardPictures, least: float) -> SamplesError | None:
     # Of two focal lengths of one camera, another focus.
     if pictures.misfit < bent and not (refocused > np.maximum(np.log(1.1), sure)).any():
         return None
+    if not pictures.from_file and shown.lens is not given.lens:
+        return SamplesError(
+            f"corners as {_in_words(shown, bent=False)} shows them",
+            f"those of the lens that was taken for it, {given.lens.called}",
+            hint=f"use {shown.lens.name} (--lens, or the key lens)",
+        )
     same_lens = shown.lens is given.lens and (refocused < np.log(1.02)).all()
     return SamplesError(
         f"corners as {_in_words(shown, bent=same_lens)} shows them",

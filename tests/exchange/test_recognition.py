@@ -8,7 +8,8 @@ from pathlib import Path
 import pytest
 from cli_job import cli
 
-from suta_calib.exchange.recognition import recognised_format
+from suta_calib.errors import SamplesError
+from suta_calib.exchange.recognition import other_format, recognised_format
 from suta_calib.job.schema import read_job
 
 MJCF = """<mujoco model="two"><worldbody><body name="base">
@@ -59,6 +60,17 @@ def test_what_is_of_no_format_is_called_none(
     assert recognised_format(tmp_path / "none") is None
     assert cli("calibrate", path) == 2
     assert "looks like" not in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(("line", "told"), [(1, True), (3, False)])
+def test_a_row_that_is_wrong_is_no_file_of_another_command(
+    line: int, told: bool, tmp_path: Path
+) -> None:
+    """The columns were those that the command asks for; only a missing one is another's file."""
+    path = tmp_path / "poses.csv"
+    path.write_text("image,x,y,z,qx,qy,qz,qw\na,0,0,0,0,0,0,1\nb,0,0,0,0,0,0,nan\n")
+    error = SamplesError("'nan'", "a finite number", file=path, line=line)
+    assert ("suta-calib pivot" in other_format(error, "hand-eye")) is told
 
 
 def test_who_reads_the_format_is_told_nothing_more(

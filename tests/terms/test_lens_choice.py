@@ -121,6 +121,10 @@ def test_hand_eye_says_which_lens_it_took(tmp_path: Path, capsys: Capture) -> No
     said = json.loads(capsys.readouterr().out)
     assert said["camera"]["distortion_model"] == "equidistant"
     assert said["camera"]["lens_left_out_rms_px"] is None
+    assert cli("hand-eye", *files, "--lens", "plumb_bob") == 2
+    refused = capsys.readouterr().err
+    assert "use equidistant (--lens" in refused
+    assert "camera's file" not in refused
 
 
 def mirrored(corners: Corners) -> Corners:
