@@ -1,7 +1,7 @@
+from .content import CertifiedValue as CertifiedValue
 from .content import Content as Content
 from .content import Decision as Decision
-from .content import Group as Group
-from .content import Quantity as Quantity
+from .content import ValueTable as ValueTable
 from .dcc import dcc_record as dcc_record
 from .details import Details as Details
 from .details import read_details as read_details

@@ -8,7 +8,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, ClassVar
 
-from suta_calib.certificate.content import Content, Quantity
+from suta_calib.certificate.content import CertifiedValue, Content
 from suta_calib.errors import InputError
 from suta_calib.registry import classes_of
 from suta_calib.trust.uncertainty_budget import Contribution, UncertaintyBudget, coverage_factor
@@ -69,11 +69,11 @@ def quantities(
     stds: Sequence[float | None],
     unit: Unit,
     factor: float = 2.0,
-) -> Iterator[Quantity]:
+) -> Iterator[CertifiedValue]:
     """Results of one unit, from numbers as JSON has them: the reader's unit."""
     for label, number, std in zip(labels, numbers, stds, strict=True):
         spread = None if std is None else float(stored(float(std), unit))
-        yield Quantity(label, float(stored(float(number), unit)), unit, spread, factor)
+        yield CertifiedValue(label, float(stored(float(number), unit)), unit, spread, factor)
 
 
 def budgets(record: Record) -> tuple[UncertaintyBudget, ...]:

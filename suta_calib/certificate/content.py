@@ -14,7 +14,7 @@ Outcome = Literal["conforms", "does not conform", "no decision"]
 
 
 @dataclass(frozen=True)
-class Quantity(Displayable):
+class CertifiedValue(Displayable):
     """One result.
 
     Attributes:
@@ -40,11 +40,11 @@ class Quantity(Displayable):
 
 
 @dataclass(frozen=True)
-class Group(Displayable):
+class ValueTable(Displayable):
     """Results that stand in one table, with a sentence on what they mean."""
 
     title: str
-    quantities: tuple[Quantity, ...]
+    quantities: tuple[CertifiedValue, ...]
     about: str = ""
 
 
@@ -77,7 +77,7 @@ class Decision(Displayable):
         return text(self.limit, self.unit, with_unit=True)
 
     @classmethod
-    def of(cls, quantity: Quantity, limit: float) -> Decision:
+    def of(cls, quantity: CertifiedValue, limit: float) -> Decision:
         """By the rule of this class."""
         guard, size = quantity.expanded or 0.0, abs(quantity.value)
         outcome: Outcome = "no decision"
@@ -108,10 +108,10 @@ class Content(Displayable):
     title: str
     measurand: str
     method: str
-    groups: tuple[Group, ...]
+    groups: tuple[ValueTable, ...]
     budgets: tuple[UncertaintyBudget, ...] = ()
     checked: tuple[tuple[str, str], ...] = ()
-    judged: Mapping[str, Quantity] = field(default_factory=dict)
+    judged: Mapping[str, CertifiedValue] = field(default_factory=dict)
     decisions: tuple[Decision, ...] = ()
     standards: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()

@@ -11,7 +11,7 @@ from collections.abc import Mapping
 from dataclasses import asdict
 from typing import Any, Final
 
-from suta_calib.certificate.content import Decision, Group, Quantity
+from suta_calib.certificate.content import CertifiedValue, Decision, ValueTable
 from suta_calib.certificate.details import Party
 from suta_calib.certificate.issued import Certificate, own_version
 from suta_calib.trust.uncertainty_budget import COVERAGE, UncertaintyBudget
@@ -92,11 +92,11 @@ def _party(party: Party | None) -> Mapping[str, Any] | None:
     return plain
 
 
-def _group(group: Group) -> dict[str, Any]:
+def _group(group: ValueTable) -> dict[str, Any]:
     return {"name": group.title, "data": [_quantity(one) for one in group.quantities]}
 
 
-def _quantity(one: Quantity) -> dict[str, Any]:
+def _quantity(one: CertifiedValue) -> dict[str, Any]:
     value = shown(one.value, one.unit) if math.isfinite(one.value) else None
     real: dict[str, Any] = {"value": value, "unit": UNITS[one.unit]}
     if one.expanded is not None:

@@ -13,7 +13,7 @@ from fpdf import FPDF
 from fpdf.enums import XPos, YPos
 from fpdf.fonts import FontFace
 
-from suta_calib.certificate.content import Decision, Group, Quantity
+from suta_calib.certificate.content import CertifiedValue, Decision, ValueTable
 from suta_calib.certificate.details import Party
 from suta_calib.certificate.issued import Certificate
 from suta_calib.trust.uncertainty_budget import UncertaintyBudget
@@ -187,7 +187,7 @@ class _Sheet(FPDF):
         for sentence in content.standards:
             self._paragraph(f"In the uncertainty: {sentence}.")
 
-    def _group(self, group: Group) -> None:
+    def _group(self, group: ValueTable) -> None:
         self._heading(group.title, small=True)
         if group.about:
             self._paragraph(group.about)
@@ -332,7 +332,7 @@ def _rounded(value: float, spread: float, unit: Unit) -> str:
     return text(value, unit, decimals=max(1 - math.floor(math.log10(size)), 0))
 
 
-def _measured(one: Quantity) -> tuple[str, str, str, str, str]:
+def _measured(one: CertifiedValue) -> tuple[str, str, str, str, str]:
     """Name, value, U, k and unit."""
     unit, spread = one.unit, one.expanded or 0.0
     value = _rounded(one.value, spread, unit)

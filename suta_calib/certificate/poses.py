@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 
 from suta_calib.certificate.answer import quantities
-from suta_calib.certificate.content import Quantity
+from suta_calib.certificate.content import CertifiedValue
 from suta_calib.units import stored, text
 
 AXES = ("x", "y", "z")
@@ -17,7 +17,7 @@ def pose_quantities(
     rpy: Sequence[float] | None,
     rotation_std: Sequence[float] | None,
     factor: float,
-) -> Iterator[Quantity]:
+) -> Iterator[CertifiedValue]:
     """Coordinates with U; angles with U of a turn about each axis; none of a point's.
 
     Args:
@@ -35,4 +35,4 @@ def pose_quantities(
     ):
         spread = text(factor * float(stored(float(std), "rad")), "rad", with_unit=True)
         remark = f"U of a turn about its {axis} axis: {spread}"
-        yield Quantity(name, float(stored(float(angle), "rad")), "rad", remark=remark)
+        yield CertifiedValue(name, float(stored(float(angle), "rad")), "rad", remark=remark)

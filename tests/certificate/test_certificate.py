@@ -18,8 +18,8 @@ from hypothesis import strategies as st
 from pypdf import PdfReader
 
 from suta_calib.certificate import (
+    CertifiedValue,
     Decision,
-    Quantity,
     certificate_of,
     dcc_record,
     pdf_bytes,
@@ -202,7 +202,7 @@ def test_limits_are_decided(
 def test_a_guard_band_accepts_and_rejects_only_beyond_the_uncertainty(
     value: float, std: float, limit: float
 ) -> None:
-    decided = Decision.of(Quantity("q", value, "m", std), limit)
+    decided = Decision.of(CertifiedValue("q", value, "m", std), limit)
     surely_inside = abs(value) + 2 * std <= limit
     surely_outside = abs(value) - 2 * std > limit
     expected = "conforms" if surely_inside else "no decision"

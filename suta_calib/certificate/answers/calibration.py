@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterator, Mapping
 
 from suta_calib.certificate.answer import CertifiedAnswer, Record, budgets, factor_of, scales, si
-from suta_calib.certificate.content import Content, Group, Quantity
+from suta_calib.certificate.content import CertifiedValue, Content, ValueTable
 from suta_calib.certificate.poses import pose_quantities
 from suta_calib.units import Unit, text
 from suta_calib.words import listed
@@ -33,7 +33,7 @@ class CalibrationOfArm(CertifiedAnswer):
         judged = dict(_judged(record))
         if found:
             tip = found[0].expanded
-            judged["tip"] = Quantity("expanded uncertainty of the tip", tip, found[0].unit)
+            judged["tip"] = CertifiedValue("expanded uncertainty of the tip", tip, found[0].unit)
         kinds = sorted({row["kind"] for row in record["noise"]})
         starts = len(record["solver"]["starts"])
         return Content(
@@ -54,7 +54,7 @@ class CalibrationOfArm(CertifiedAnswer):
             groups=(
                 *_tip_group(record),
                 *_poses(record, factor),
-                Group(
+                ValueTable(
                     "Parameters",
                     parameters,
                     "By joint, in the convention of a URDF: x, y, z and rx, ry, rz of its origin, "
@@ -75,24 +75,24 @@ def _kept(record: Record) -> str:
     return f"Nominal values were kept for {', '.join(kept)}." if kept else ""
 
 
-def _parameter(name: str, entry: Record, factor: float) -> Quantity:
+def _parameter(name: str, entry: Record, factor: float) -> CertifiedValue:
     unit: Unit = entry["unit"]
     remark = "mostly from its prior" if entry["state"] == "prior" else ""
-    return Quantity(name, float(entry["value"]), unit, float(entry["std"]), factor, remark)
+    return CertifiedValue(name, float(entry["value"]), unit, float(entry["std"]), factor, remark)
 
 
-def _tip_group(record: Record) -> Iterator[Group]:
+def _tip_group(record: Record) -> Iterator[ValueTable]:
     for budget in budgets(record):
         about = (
             "From the calibration alone: the scatter of a single use of the arm comes on top (see "
             "the validation errors). Of positions relative to one another: an error that moves all "
             "of them alike is left out, so notes on positions in the base may state more."
         )
-        tip = Quantity(budget.of, math.nan, budget.unit, budget.std, budget.factor)
-        yield Group("Tip", (tip,), about)
+        tip = CertifiedValue(budget.of, math.nan, budget.unit, budget.std, budget.factor)
+        yield ValueTable("Tip", (tip,), about)
 
 
-def _poses(record: Record, factor: float) -> Iterator[Group]:
+def _poses(record: Record, factor: float) -> Iterator[ValueTable]:
     for name, pose in (record.get("external_poses") or {}).items():
         rows = pose_quantities(
             pose["position_mm"],
@@ -101,7 +101,7 @@ def _poses(record: Record, factor: float) -> Iterator[Group]:
             pose.get("rotation_std_deg"),
             factor,
         )
-        yield Group(f"Pose of {name} in the {pose['within']}", tuple(rows))
+        yield ValueTable(f"Pose of {name} in the {pose['within']}", tuple(rows))
 
 
 def _errors(record: Record) -> Iterator[tuple[str, Mapping[str, float | None], Unit]]:
@@ -128,12 +128,12 @@ def _validation(record: Record) -> Iterator[tuple[str, str]]:
             )
 
 
-def _judged(record: Record) -> Iterator[tuple[str, Quantity]]:
+def _judged(record: Record) -> Iterator[tuple[str, CertifiedValue]]:
     """Validation errors. Their uncertainty is how well so many rows tell a root mean square."""
     for name, after, unit in _errors(record):
         if name == "validation":
             rms, count = si(after, "rms", unit), float(after["count"] or 1)
             std = rms / (2.0 * count) ** 0.5
-            yield "validation_rms", Quantity("RMS validation error", rms, unit, std)
+            yield "validation_rms", CertifiedValue("RMS validation error", rms, unit, std)
             largest = si(after, "max", unit)
-            yield "validation_max", Quantity("largest validation error", largest, unit)
+            yield "validation_max", CertifiedValue("largest validation error", largest, unit)

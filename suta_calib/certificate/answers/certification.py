@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from suta_calib.certificate.answer import CertifiedAnswer, Record, quantities
-from suta_calib.certificate.content import Content, Group, Quantity
+from suta_calib.certificate.content import CertifiedValue, Content, ValueTable
 from suta_calib.certificate.poses import AXES
 from suta_calib.trust.uncertainty_budget import Contribution, UncertaintyBudget
 from suta_calib.units import from_mm
@@ -22,7 +22,7 @@ class ArtefactOnPaper(CertifiedAnswer):
         groups = []
         for name, mark in record["landmarks"].items():
             rows = quantities(AXES, mark["position_mm"], mark["std_mm"], "m", factor)
-            groups.append(Group(f"Landmark {name}", tuple(rows)))
+            groups.append(ValueTable(f"Landmark {name}", tuple(rows)))
         largest = max(
             (float(std) for mark in record["landmarks"].values() for std in mark["std_mm"]),
             default=0.0,
@@ -34,7 +34,7 @@ class ArtefactOnPaper(CertifiedAnswer):
             float(noise["degrees_of_freedom"]),
         )
         spacers = tuple(
-            Quantity(
+            CertifiedValue(
                 f"spacer {spacer['name']}",
                 from_mm(float(spacer["length_mm"])),
                 "m",
@@ -50,7 +50,7 @@ class ArtefactOnPaper(CertifiedAnswer):
                 f"{record['points']} points touched with one instrument. "
                 f"{record['frame']['definition']}"
             ),
-            groups=(*groups, *([Group("Spacers", spacers)] if spacers else [])),
+            groups=(*groups, *([ValueTable("Spacers", spacers)] if spacers else [])),
             budgets=(
                 UncertaintyBudget("the least certain coordinate of a landmark", "m", (touches,)),
             ),

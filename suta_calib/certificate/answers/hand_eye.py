@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from suta_calib.certificate.answer import CertifiedAnswer, Record, budgets, factor_of
-from suta_calib.certificate.content import Content, Group
+from suta_calib.certificate.content import Content, ValueTable
 from suta_calib.certificate.poses import pose_quantities
 from suta_calib.units import stored, text
 
@@ -30,7 +30,7 @@ class HandEyeOnPaper(CertifiedAnswer):
                 [std[f"r{axis}_deg"] for axis in AXES],
                 factor,
             )
-            groups.append(Group(f"{name} = {frame}", tuple(rows)))
+            groups.append(ValueTable(f"{name} = {frame}", tuple(rows)))
         first = groups[0].quantities
         return Content(
             title="Hand-eye calibration",

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Final
 
 from suta_calib.certificate.answer import CertifiedAnswer, Record
-from suta_calib.certificate.content import Content, Decision, Group, Outcome, Quantity
+from suta_calib.certificate.content import CertifiedValue, Content, Decision, Outcome, ValueTable
 from suta_calib.units import from_mm
 
 # Of the answer's words.
@@ -20,12 +20,12 @@ class AcceptanceOnPaper(CertifiedAnswer):
 
     def content(self, record: Record) -> Content:
         """Every characteristic with its limit and decision, as the test took it."""
-        rows, decisions = list[Quantity](), list[Decision]()
+        rows, decisions = list[CertifiedValue](), list[Decision]()
         for entry in record["characteristics"]:
             value = from_mm(float(entry["value_mm"]))
             expanded = from_mm(float(entry["expanded_uncertainty_mm"] or 0.0))
             where = f"at {entry['where']}" if entry.get("where") else ""
-            rows.append(Quantity(entry["symbol"], value, "m", expanded / 2.0, 2.0, where))
+            rows.append(CertifiedValue(entry["symbol"], value, "m", expanded / 2.0, 2.0, where))
             if entry.get("limit_mm") is not None:
                 limit = from_mm(float(entry["limit_mm"]))
                 outcome = OUTCOMES.get(str(entry["decision"]), "no decision")
@@ -38,7 +38,7 @@ class AcceptanceOnPaper(CertifiedAnswer):
                 f"After {record['standard']}, simplified where the notes say so. Decision rule: "
                 f"{rule['kind']}, coverage factor {rule['factor']:g}."
             ),
-            groups=(Group("Characteristics", tuple(rows)),),
+            groups=(ValueTable("Characteristics", tuple(rows)),),
             checked=(
                 (
                     "lengths",

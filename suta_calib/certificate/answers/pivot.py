@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from suta_calib.certificate.answer import CertifiedAnswer, Record, budgets, factor_of, quantities
-from suta_calib.certificate.content import Content, Group
+from suta_calib.certificate.content import Content, ValueTable
 from suta_calib.certificate.poses import AXES
 
 
@@ -29,7 +29,7 @@ class PivotOnPaper(CertifiedAnswer):
                 "the scatter of the poses and the stated uncertainty of the tracker's scale, "
                 "combined by JCGM 100:2008 (GUM)."
             ),
-            groups=(Group("Tip in the tool", tip), Group("Post in the tracker", post)),
+            groups=(ValueTable("Tip in the tool", tip), ValueTable("Post in the tracker", post)),
             budgets=found,
             checked=(
                 ("poses that were used", f"{counts['inliers']} of {counts['rows']}"),

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from suta_calib.certificate.answer import CertifiedAnswer, Record, budgets, factor_of
-from suta_calib.certificate.content import Content, Group
+from suta_calib.certificate.content import Content, ValueTable
 from suta_calib.certificate.poses import AXES, pose_quantities
 
 
@@ -34,7 +34,7 @@ class RegistrationOnPaper(CertifiedAnswer):
                 "form. Standard uncertainties follow from the scatter of the points and the stated "
                 "uncertainty of the scale, combined by JCGM 100:2008 (GUM)."
             ),
-            groups=(Group("T_b_a", rows),),
+            groups=(ValueTable("T_b_a", rows),),
             budgets=found,
             checked=(
                 ("points that were used", f"{counts['inliers']} of {counts['rows']}"),

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from suta_calib.certificate.answer import CertifiedAnswer, Record, si
-from suta_calib.certificate.content import Content, Group, Quantity
+from suta_calib.certificate.content import CertifiedValue, Content, ValueTable
 
 
 class RepeatabilityOnPaper(CertifiedAnswer):
@@ -17,9 +17,9 @@ class RepeatabilityOnPaper(CertifiedAnswer):
     def content(self, record: Record) -> Content:
         """Pose repeatability RP and the RMS deviation, of all visits and of each protocol."""
         confidence = float(record["confidence_pct"])
-        groups = [Group("All visits", tuple(_figures(record["position"], confidence)))]
+        groups = [ValueTable("All visits", tuple(_figures(record["position"], confidence)))]
         for name, part in (record.get("protocols") or {}).items():
-            groups.append(Group(f"Protocol {name}", tuple(_figures(part, confidence))))
+            groups.append(ValueTable(f"Protocol {name}", tuple(_figures(part, confidence))))
         return Content(
             title="Repeatability of a measuring arm",
             measurand=(
@@ -33,11 +33,11 @@ class RepeatabilityOnPaper(CertifiedAnswer):
         )
 
 
-def _figures(part: Record, confidence: float) -> Iterator[Quantity]:
+def _figures(part: Record, confidence: float) -> Iterator[CertifiedValue]:
     for name, key in (("RP", "rp"), ("RMS", "rms")):
         low, high = part[f"{key}_interval_mm"]
         remark = f"{confidence:.0f} % confidence interval {low:.3f} to {high:.3f} mm"
         value = si(part, key, "m")
         # A sample's spread has no symmetric interval: the guard band is its farther end.
         spread = max(abs(high - part[f"{key}_mm"]), abs(part[f"{key}_mm"] - low)) / 2000.0
-        yield Quantity(name, value, "m", spread, 2.0, f"{part['count']} visits; {remark}")
+        yield CertifiedValue(name, value, "m", spread, 2.0, f"{part['count']} visits; {remark}")
