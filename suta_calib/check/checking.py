@@ -409,13 +409,14 @@ class Checking:
     def run(self) -> Check:
         """What changed, in all rows or from one of them on."""
         check, explained, left = self._over_all()
-        untidy = len(check.changed) > 1 or len(check.bad_rows) > 1
-        if check.unchanged or not (untidy or check.changed[0].what == UNKNOWN):
+        # One change or one bad row explains itself; several bad rows may be a change at the end.
+        several = len(check.changed) > 1 or len(check.bad_rows) > 1
+        if not several and all(change.what != UNKNOWN for change in check.changed):
             return check
         since = self._since(check, explained)
         if since is not None:
             return since
-        if not left or any(change.implausible for change in check.changed):
+        if check.unchanged or not left or any(change.implausible for change in check.changed):
             return check
         # What leaves the rows far beyond their noise is not what changed.
         unknown = FoundChange(UNKNOWN, {}, check.p)
@@ -438,7 +439,8 @@ class Checking:
     def _since(self, check: Check, explained: float) -> Check | None:
         """A change that began at one of the rows, if that explains more than one over all rows.
 
-        The alarm is that of all rows, so that the search makes none; its p-values are of the best.
+        It is looked for where all rows show a change or several are bad, and must be certain by the
+        rows from there on alone. Its p-values are of the best of all places where it may begin.
         """
         onsets = np.arange(1, len(self.start.shared.posture) - 1)
         if len(self.start.shared.sample) > 1 or not len(onsets):
@@ -459,9 +461,13 @@ class Checking:
         changed = [
             replace(c, since=origin[first], p=min(1.0, c.p * len(onsets))) for c in found.changed
         ]
+        # Beside an alarm of all rows it is an explanation; beside bad rows it is the alarm.
+        if check.unchanged and changed[0].p >= self.false_alarm:
+            return None
         return replace(
             check,
             changed=tuple(changed),
+            p=min(check.p, changed[0].p),
             bad_rows=(*sound.bad_rows, *found.bad_rows),
             bad_samples=(*sound.bad_samples, *(first + k for k in found.bad_samples)),
             values=found.values,

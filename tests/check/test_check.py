@@ -98,6 +98,16 @@ def test_a_change_in_the_middle_of_the_rows_is_named_from_there_on(joint: int) -
     assert repaired(checking, check).rows == 18 - check.first
 
 
+def test_a_change_in_the_last_rows_is_no_row_of_bad_ones_and_bad_rows_are_no_change() -> None:
+    check = checked(some_off(slice(14, None)))
+    assert [change.what for change in check.changed] == ["joint joint_2"]
+    assert check.first in (13, 14, 15)
+    loose = np.random.default_rng(5).normal(0.0, 4e-3, (2, 3))
+    check = checked(shifted(some_off(slice(0)), loose, rows=slice(16, None)))
+    assert check.unchanged
+    assert len(check.bad_rows) == 2
+
+
 def test_rows_that_no_one_change_explains_name_no_culprit() -> None:
     """Each row is off another way, as of a loose target."""
     loose = np.random.default_rng(3).normal(0.0, 2e-3, (18, 3))
