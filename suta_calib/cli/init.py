@@ -150,13 +150,16 @@ def init(
 
 
 def _next_step(files: Sequence[Template]) -> str:
-    """What to do with a new job: measure it, or fill it in where no device is known."""
+    """What to do with a new job: print, measure; or fill it in where no device is known."""
     job = quote(str(files[0].path))
     paths = {file.path.name: quote(str(file.path)) for file in files}
-    if "device.yaml" not in paths:
-        return f"fill in the samples, then suta-calib observe {job}"
-    measure = f"suta-calib measure {job} --device {paths['device.yaml']} --placement table"
     printed = [path for name, path in paths.items() if name.endswith(".svg")]
+    if not printed and "device.yaml" not in paths:
+        return f"fill in the samples, then suta-calib observe {job}"
+    device = paths.get("device.yaml", "device.yaml")
+    measure = f"suta-calib measure {job} --device {device} --placement table"
+    if "device.yaml" not in paths:
+        measure = f"describe the motors in a device.yaml, and {measure}"
     if not printed:
         return measure
     return f"print {listed(printed)} at 100 %, and measure with a ruler; then {measure}"

@@ -232,7 +232,7 @@ class Recalibration(Displayable):
     def correction(
         self, angles: FloatArray, temperature: float | None = None
     ) -> tuple[FloatArray, FloatArray]:
-        """What the touches would add to the tip's position (3,), m, and ± of the sum (3,), m.
+        """What the touches would add to the tip's position (3,), m, and ± of the corrected (3,), m.
 
         Before the first touch that is nothing, and the ± of calibration and prior drift.
         """

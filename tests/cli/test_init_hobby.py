@@ -117,6 +117,13 @@ def test_it_says_what_to_do_next(tmp_path: Path, capsys: Capture) -> None:
     assert last.endswith(f"calibration.yaml --device {folder}/device.yaml --placement table")
 
 
+def test_what_is_printed_is_measured_with_any_motors(tmp_path: Path, capsys: Capture) -> None:
+    assert cli("init", URDF, "--tip", "hand", "--pen", "--out", tmp_path / "job") == 0
+    last = capsys.readouterr().out.splitlines()[-1]
+    assert "sheet.svg at 100 %, and measure with a ruler; then describe the motors" in last
+    assert last.endswith("calibration.yaml --device device.yaml --placement table")
+
+
 def test_motors_of_other_names_are_taken_in_order(tmp_path: Path, capsys: Capture) -> None:
     file = lerobot(tmp_path / "koch.json", *(f"motor_{k}" for k in range(1, 7)))
     assert cli("init", URDF, "--tip", "hand", "--lerobot", file, "--out", tmp_path / "job") == 0
