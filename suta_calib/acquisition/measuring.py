@@ -79,6 +79,7 @@ from suta_calib.optional_packages import load
 from suta_calib.simulation.schema import PORTABLE_NAME
 from suta_calib.terms import KINDS, Term
 from suta_calib.units import deg
+from suta_calib.words import listed
 
 Status = Literal["complete", "incomplete", "interrupted"]
 
@@ -255,6 +256,8 @@ def measure(
             )
             spec = recording.spec
         plan, out, surface = _plan(options, spec.extra_columns)
+        if note := stated_elsewhere(options):
+            say(note)
         joints = plan.arm.joints
         if recording is not None:
             recording.use(joints)
@@ -292,6 +295,25 @@ def measure(
         bus: Bus | RecordedStream
         bus = recording or Bus(spec, reconnect=True, on_event=session.note, port=port)
         return session.run(stack.enter_context(closing(bus)), choose, keyboard)
+
+
+def stated_elsewhere(options: MeasureOptions) -> str:
+    """What to say of a label that the job states no pose of, before any that it does is measured.
+
+    Raises:
+        InputError: the job cannot be used.
+    """
+    for place, label in options.labels.items():
+        row = read_row(options.job, options.observation, kinds_of(place), options.chain)
+        stated = [name for name in row.given if name]
+        if not stated or label in stated:
+            continue
+        if not any(row.file(name, options.repeat).exists() for name in (label, *stated)):
+            return (
+                f"{options.job} states the pose of {listed(stated)}, but not of {label}: if this "
+                f"{place} stands there, give --{place} {stated[0]}"
+            )
+    return ""
 
 
 def stations_of(options: MeasureOptions) -> tuple[TouchSequence, tuple[Station, ...]]:

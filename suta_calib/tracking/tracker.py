@@ -57,7 +57,7 @@ class TrackedPose(Displayable):
         errors: joints whose encoder says that its position is invalid: there is no pose then.
         warnings: joints whose encoder warns; their pose is valid.
         shift: (3,) what a re-calibration would add to the position, m; None without one.
-        shift_std: (3,) standard uncertainty of the sum, m; None likewise.
+        shift_std: (3,) standard uncertainty of the position with it, m; None likewise.
         temperature: of the arm, °C, where the device sends one.
     """
 

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from suta_calib.acquisition.measuring import Measured, MeasureOptions, stations_of
+from suta_calib.acquisition.measuring import Measured, MeasureOptions, stated_elsewhere, stations_of
 from suta_calib.acquisition.session_events import Live, Opened, Said, Stations, StationState
 from suta_calib.assessment import Assessment
 from suta_calib.atomic import inputs_kept
@@ -365,6 +365,10 @@ def test_a_place_that_the_job_states_comes_first_by_its_name(options: GuideOptio
     measuring.job.write_text(text.replace(row, f"{row}{pose}, ", 1))
     assert next_label(measuring) == {"placement": "sheet"}
     assert next_label(measuring, after={"placement": "sheet"}) == {"placement": "P1"}
+    # `measure` is told a label; it says what the job calls the place.
+    assert stated_elsewhere(replace(measuring, labels={"placement": "sheet"})) == ""
+    note = stated_elsewhere(replace(measuring, labels={"placement": "P1"}))
+    assert note.endswith("not of P1: if this placement stands there, give --placement sheet")
 
 
 def test_what_takes_long_is_said_again_and_again() -> None:
