@@ -106,19 +106,6 @@ def test_conda_asks_for_what_pip_asks_for(project: dict[str, Any], repository: P
     ]
 
 
-def test_the_lock_is_of_this_project_and_of_the_public_index(
-    project: dict[str, Any], repository: Path
-):
-    text = (repository / "uv.lock").read_text(encoding="utf-8")
-    hosts = set(re.findall(r"\w+://([^/\"]+)", text))
-    assert hosts == {"pypi.org", "files.pythonhosted.org"}
-    # The package itself is the one that comes from the folder.
-    (own,) = re.findall(r"requires-dist = \[\n(.*?)\n\]", text, re.S)
-    locked = set(re.findall(r'name = "([\w.-]+)"', own))
-    wanted = {canonical(r.name) for r in required(project, *project["optional-dependencies"])}
-    assert locked - {project["name"].replace("_", "-")} == wanted
-
-
 def test_no_constraint_names_an_index(repository: Path):
     for file in repository.glob("constraints*.txt"):
         assert "://" not in file.read_text(encoding="utf-8")
