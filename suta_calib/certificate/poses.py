@@ -4,11 +4,26 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 
-from suta_calib.certificate.answer import quantities
+from suta_calib.certificate.answer import Record, quantities
 from suta_calib.certificate.content import CertifiedValue
 from suta_calib.units import stored, text
 
 AXES = ("x", "y", "z")
+
+
+def pose_of(
+    record: Record, std: Record, factor: float, prefix: str = ""
+) -> tuple[CertifiedValue, ...]:
+    """The pose that an answer wrote under keys with a prefix, with its standard deviations."""
+    return tuple(
+        pose_quantities(
+            record[f"{prefix}position_mm"],
+            [std[f"{axis}_mm"] for axis in AXES],
+            record[f"{prefix}rpy_deg"],
+            [std[f"r{axis}_deg"] for axis in AXES],
+            factor,
+        )
+    )
 
 
 def pose_quantities(

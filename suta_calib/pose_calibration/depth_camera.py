@@ -26,7 +26,7 @@ from suta_calib.measurements.pose_files import FAR, HandPoses
 from suta_calib.measurements.samples import Samples
 from suta_calib.measurements.scale import GRADES, PPM
 from suta_calib.measurements.seen_points import SeenPoints
-from suta_calib.pose_calibration.eye_poses import ENOUGH, PoseAccuracy, placed_points
+from suta_calib.pose_calibration.eye_poses import ENOUGH, AccuracyOfX, placed_points
 from suta_calib.pose_calibration.inputs import checked_poses, error_context
 from suta_calib.pose_calibration.robust_answer import (
     MANY_OUTLIERS,
@@ -101,7 +101,7 @@ class SeenThing(Displayable):
 
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
-class DepthCameraCalibration(Displayable, PoseAccuracy, FittedRows):
+class DepthCameraCalibration(Displayable, AccuracyOfX, FittedRows):
     """Pose X of a depth camera on the hand or beside it, and what it saw.
 
     The covariance (6, 6) is of X: displacement (m, outer axes) and small turn (rad, camera's axes);
@@ -136,16 +136,6 @@ class DepthCameraCalibration(Displayable, PoseAccuracy, FittedRows):
     points: FloatArray
     thing_of: IntArray
     wrong: tuple[str, ...] = ()
-
-    @property
-    def std(self) -> FloatArray:
-        """(6,) standard deviations of X: displacement, m, and turn, rad."""
-        return np.asarray(np.sqrt(np.diag(self.covariance)))
-
-    @property
-    def std6(self) -> FloatArray:  # type: ignore[override]
-        """Of X."""
-        return self.std
 
     @property
     def in_a_line(self) -> str:

@@ -60,6 +60,26 @@ class PoseAccuracy:
         return float(displaced), float(turned)
 
 
+class AccuracyOfX(PoseAccuracy):
+    """That of the pose X whose covariance an answer has.
+
+    Attributes:
+        covariance: (6, 6) displacement, m, and turn, rad.
+    """
+
+    covariance: FloatArray
+
+    @property
+    def std(self) -> FloatArray:
+        """(6,) standard deviations of X: displacement, m, and turn, rad."""
+        return np.asarray(np.sqrt(np.diag(self.covariance)))
+
+    @property
+    def std6(self) -> FloatArray:  # type: ignore[override]
+        """Of X."""
+        return self.std
+
+
 @dataclass(frozen=True, eq=False)
 class PoseBetween(PoseAccuracy):
     """Where an eye is in another one.

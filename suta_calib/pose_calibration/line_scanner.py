@@ -17,7 +17,7 @@ from suta_calib.geometry.numbers import homogeneous
 from suta_calib.measurements.pose_files import ScanPoses
 from suta_calib.measurements.profiles import Profiles
 from suta_calib.measurements.samples import Samples
-from suta_calib.pose_calibration.eye_poses import ENOUGH, PoseAccuracy, placed_points
+from suta_calib.pose_calibration.eye_poses import ENOUGH, AccuracyOfX, placed_points
 from suta_calib.pose_calibration.inputs import checked_poses, error_context
 from suta_calib.pose_calibration.robust_answer import MANY_OUTLIERS, FittedRows, set_aside
 from suta_calib.terms.poses import MeasuredPoses
@@ -34,7 +34,7 @@ _ADVICE: Final = (
 
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
-class LineScannerCalibration(Displayable, PoseAccuracy, FittedRows):
+class LineScannerCalibration(Displayable, AccuracyOfX, FittedRows):
     """Pose X of a line scanner on the hand, and the ball or plane that it saw.
 
     The covariance (6, 6) is of X: displacement (m, hand's axes) and small turn (rad, scanner's
@@ -69,16 +69,6 @@ class LineScannerCalibration(Displayable, PoseAccuracy, FittedRows):
     def seen(self) -> str:
         """What was scanned."""
         return "ball" if self.normal is None else "plane"
-
-    @property
-    def std(self) -> FloatArray:
-        """(6,) standard deviations of X: displacement, m, and turn, rad."""
-        return np.asarray(np.sqrt(np.diag(self.covariance)))
-
-    @property
-    def std6(self) -> FloatArray:  # type: ignore[override]
-        """Of X."""
-        return self.std
 
     @property
     def spread(self) -> FloatArray:

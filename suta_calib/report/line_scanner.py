@@ -9,6 +9,7 @@ from suta_calib.measurements.pose_files import ScanPoses
 from suta_calib.model.parameters import PLACEMENT
 from suta_calib.pose_calibration.line_scanner import LineScannerCalibration
 from suta_calib.report.document import Document, Figure, Part, Text
+from suta_calib.report.hand_eye import NAME
 from suta_calib.report.listing import Column, Json, Listing, plain
 from suta_calib.report.poses import (
     axes_with_std,
@@ -22,7 +23,6 @@ from suta_calib.report.poses import (
 )
 from suta_calib.units import mm, text, with_std
 
-NAME: Final = "hand_eye"
 CALIBRATION: Final = Listing[LineScannerCalibration](
     "", Column("rms", unit="m"), Column("spread", unit="m"), Column("hand_noise", unit="m")
 )

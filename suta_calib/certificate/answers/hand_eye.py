@@ -4,10 +4,8 @@ from __future__ import annotations
 
 from suta_calib.certificate.answer import CertifiedAnswer, Record, budgets, factor_of
 from suta_calib.certificate.content import Content, ValueTable
-from suta_calib.certificate.poses import pose_quantities
+from suta_calib.certificate.poses import pose_of
 from suta_calib.units import stored, text
-
-AXES = ("x", "y", "z")
 
 
 class HandEyeOnPaper(CertifiedAnswer):
@@ -20,17 +18,12 @@ class HandEyeOnPaper(CertifiedAnswer):
         """X, and Z where it was asked for."""
         found = budgets(record)
         factor = factor_of(found)
-        groups = []
-        for name, frame in record["frames"].items():
-            std = record["std"][name]
-            rows = pose_quantities(
-                record[f"{name}_position_mm"],
-                [std[f"{axis}_mm"] for axis in AXES],
-                record[f"{name}_rpy_deg"],
-                [std[f"r{axis}_deg"] for axis in AXES],
-                factor,
+        groups = [
+            ValueTable(
+                f"{name} = {frame}", pose_of(record, record["std"][name], factor, f"{name}_")
             )
-            groups.append(ValueTable(f"{name} = {frame}", tuple(rows)))
+            for name, frame in record["frames"].items()
+        ]
         first = groups[0].quantities
         return Content(
             title="Hand-eye calibration",

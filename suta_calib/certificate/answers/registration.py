@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from suta_calib.certificate.answer import CertifiedAnswer, Record, budgets, factor_of
 from suta_calib.certificate.content import Content, ValueTable
-from suta_calib.certificate.poses import AXES, pose_quantities
+from suta_calib.certificate.poses import pose_of
 
 
 class RegistrationOnPaper(CertifiedAnswer):
@@ -16,16 +16,8 @@ class RegistrationOnPaper(CertifiedAnswer):
     def content(self, record: Record) -> Content:
         """The pose between two sets of points."""
         found = budgets(record)
-        std, counts = record["std"], record["counts"]
-        rows = tuple(
-            pose_quantities(
-                record["position_mm"],
-                [std[f"{axis}_mm"] for axis in AXES],
-                record["rpy_deg"],
-                [std[f"r{axis}_deg"] for axis in AXES],
-                factor_of(found),
-            )
-        )
+        counts = record["counts"]
+        rows = pose_of(record, record["std"], factor_of(found))
         return Content(
             title="Registration of corresponding points",
             measurand="Rigid transform T_b_a from the frame of the first points to the second's.",
