@@ -160,8 +160,12 @@ def with_std(value: float, std: float, unit: Unit, *, sign: bool = False) -> str
 
     The last digit of the value is that of the standard deviation: ``1.250 ± 0.020 deg``.
     """
-    number = text(value, unit, sign=sign, decimals=_decimals_of(std, unit))
-    return f"{number} ± {std_text(std, unit)}"
+    return f"{rounded_text(value, std, unit, sign=sign)} ± {std_text(std, unit)}"
+
+
+def rounded_text(value: float, std: float, unit: Unit, *, sign: bool = False) -> str:
+    """A value to the last digit of its standard deviation, both SI, without the unit."""
+    return text(value, unit, sign=sign, decimals=_decimals_of(std, unit))
 
 
 def _decimals_of(std: float | None, unit: Unit) -> int | None:

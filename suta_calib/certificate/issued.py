@@ -18,7 +18,7 @@ from suta_calib.errors import InputError, did_you_mean
 from suta_calib.exchange.cells import is_folder
 from suta_calib.inputs import read_input
 from suta_calib.tracking.uncertainty import read_json_object
-from suta_calib.units import stored, unit_name
+from suta_calib.units import key, stored
 
 # Names of the JSON that commands write, in a folder that is given in its place.
 RECORDS: Final = ("result.json", "iso10360.json", "repeatability.json", "certify.json")
@@ -145,20 +145,17 @@ def certificate_of(path: Path, details: Details | None = None) -> Certificate:
 
 def _decisions(content: Content, details: Details) -> list[Decision]:
     decisions = []
-    for key, limit in details.limits.items():
-        offered = {
-            f"{name}_{unit_name(quantity.unit)}": quantity
-            for name, quantity in content.judged.items()
-        }
-        if key not in offered:
+    offered = {key(name, quantity.unit): quantity for name, quantity in content.judged.items()}
+    for asked, limit in details.limits.items():
+        if asked not in offered:
             raise InputError(
-                f"a limit on {key}",
+                f"a limit on {asked}",
                 f"one of {', '.join(offered)}" if offered else "no limits: this answer has none",
                 file=details.path,
-                where=f"limits.{key}",
-                hint=did_you_mean(key, offered),
+                where=f"limits.{asked}",
+                hint=did_you_mean(asked, offered),
             )
-        quantity = offered[key]
+        quantity = offered[asked]
         decisions.append(Decision.of(quantity, float(stored(limit, quantity.unit))))
     return decisions
 

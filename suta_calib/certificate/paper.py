@@ -17,7 +17,7 @@ from suta_calib.certificate.content import CertifiedValue, Decision, ValueTable
 from suta_calib.certificate.details import Party
 from suta_calib.certificate.issued import Certificate
 from suta_calib.trust.uncertainty_budget import UncertaintyBudget
-from suta_calib.units import NOTHING, Unit, shown, text, unit_name
+from suta_calib.units import NOTHING, rounded_text, shown, std_text, unit_name
 
 Paper = Literal["a4", "letter"]
 MARGIN: Final = 20.0
@@ -204,7 +204,7 @@ class _Sheet(FPDF):
             (
                 part.source,
                 part.evaluation,
-                _rounded(part.std, part.std, unit),
+                std_text(part.std, unit, with_unit=False),
                 f"{part.freedom:.0f}" if math.isfinite(part.freedom) else "∞",
             )
             for part in (*budget.contributions, budget.combined)
@@ -213,7 +213,7 @@ class _Sheet(FPDF):
             (
                 f"expanded, k = {budget.factor:.2f}",
                 "",
-                _rounded(budget.expanded, budget.expanded, unit),
+                std_text(budget.expanded, unit, with_unit=False),
                 "",
             )
         )
@@ -229,8 +229,8 @@ class _Sheet(FPDF):
             [
                 (
                     d.name,
-                    _rounded(d.value, d.expanded, d.unit),
-                    _rounded(d.expanded, d.expanded, d.unit),
+                    rounded_text(d.value, d.expanded, d.unit),
+                    std_text(d.expanded, d.unit, with_unit=False),
                     f"{shown(d.limit, d.unit):g}",
                     unit_name(d.unit),
                     d.outcome,
@@ -324,18 +324,16 @@ def _party(party: Party | None) -> str:
     return ", ".join(filter(None, (party.name, party.address, party.accreditation)))
 
 
-def _rounded(value: float, spread: float, unit: Unit) -> str:
-    """A value to the last of two digits of its uncertainty (JCGM 100:2008, 7.2.6)."""
-    size = abs(shown(spread, unit))
-    if not size or not math.isfinite(size):
-        return text(value, unit)
-    return text(value, unit, decimals=max(1 - math.floor(math.log10(size)), 0))
-
-
 def _measured(one: CertifiedValue) -> tuple[str, str, str, str, str]:
-    """Name, value, U, k and unit."""
+    """Name, value, U, k and unit; to the last of two digits of U (JCGM 100:2008, 7.2.6)."""
     unit, spread = one.unit, one.expanded or 0.0
-    value = _rounded(one.value, spread, unit)
+    value = rounded_text(one.value, spread, unit)
     if not spread:
         return one.name, value, NOTHING, NOTHING, unit_name(unit)
-    return one.name, value, _rounded(spread, spread, unit), f"{one.factor:.2f}", unit_name(unit)
+    return (
+        one.name,
+        value,
+        std_text(spread, unit, with_unit=False),
+        f"{one.factor:.2f}",
+        unit_name(unit),
+    )
