@@ -85,6 +85,7 @@ def test_fifteen_landmarks(job: Path, arm: LedArm, tmp_path: Path) -> None:
             page.open(url)
             page.wait(f"{NAME} === 'O'")
             rested(page)
+            assert "This browser shows no 3-D" in page.text
             measured(page, arm, "O", "M1", "M2")
             # The cable is pulled out: the page says so, and goes on when it is back.
             arm.plug(False)

@@ -86,6 +86,10 @@ dark.addEventListener("change", () => { if (framed) { framed = false; drawScene(
 function drawScene() {
   if (framed) return;
   framed = true;
+  if (!document.createElement("canvas").getContext("webgl2")) {
+    $("scene").replaceChildren(element("p", "This browser shows no 3-D (WebGL 2 is off). The measurement needs none."));
+    return;
+  }
   const frame = element("iframe");
   frame.title = "The arm in 3-D";
   frame.src = "scene/" + (dark.matches ? "?darkMode" : "");
