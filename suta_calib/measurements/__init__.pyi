@@ -27,7 +27,9 @@ from .files import expand as expand
 from .files import lines_of as lines_of
 from .files import read_text as read_text
 from .files import write_text as write_text
+from .pose_files import HandPoses as HandPoses
 from .pose_files import ToolPoses as ToolPoses
+from .pose_files import read_hand_poses as read_hand_poses
 from .profiles import Profiles as Profiles
 from .profiles import profiles_of as profiles_of
 from .profiles import read_profiles as read_profiles

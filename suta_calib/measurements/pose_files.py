@@ -81,7 +81,7 @@ class PosePairs(_PoseRows):
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class HandPoses(_PoseRows):
+class HandPoses(Displayable, _PoseRows):
     """``T_base_hand`` with the picture that was taken there.
 
     Attributes:

@@ -11,6 +11,10 @@ from .many_eyes import ManyEyesCalibration as ManyEyesCalibration
 from .many_eyes import calibrate_many_eyes as calibrate_many_eyes
 from .many_eyes import many_eyes_from_pairs as many_eyes_from_pairs
 from .optimality import Optimality as Optimality
+from .picture_answer import CameraEstimate as CameraEstimate
+from .picture_answer import PictureCalibration as PictureCalibration
+from .pictures import View as View
+from .pictures import hand_eye_from_pictures as hand_eye_from_pictures
 from .pivot import PivotCalibration as PivotCalibration
 from .pivot import calibrate_pivot as calibrate_pivot
 from .pivot import pivot_from_poses as pivot_from_poses

@@ -12,6 +12,7 @@ from scipy.special import chdtrc, stdtrit
 
 from suta_calib.arrays import BoolArray, FloatArray, IntArray
 from suta_calib.assessment import Assessment, Level, judged
+from suta_calib.display import Displayable
 from suta_calib.geometry.numbers import rms_length, vector_from_rotation
 from suta_calib.measurements import Camera
 from suta_calib.measurements.board import Markers
@@ -63,7 +64,7 @@ class HeldIntrinsics:
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class CameraEstimate(EyePoses):
+class CameraEstimate(Displayable, EyePoses):
     """One camera of the answer.
 
     Attributes:
@@ -175,7 +176,7 @@ class CameraEstimate(EyePoses):
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class PictureCalibration:
+class PictureCalibration(Displayable):
     """Where the cameras are, and the board, from pictures.
 
     Attributes:

@@ -14,6 +14,7 @@ import numpy as np
 from scipy.special import chdtri
 
 from suta_calib.arrays import BoolArray, FloatArray
+from suta_calib.display import Displayable
 from suta_calib.errors import SamplesError
 from suta_calib.geometry.lens import CENTRE, FOCAL, Lens
 from suta_calib.geometry.numbers import (
@@ -90,7 +91,7 @@ EXACT: Final = 0.03
 
 
 @dataclass(frozen=True, eq=False)
-class View:
+class View(Displayable):
     """What one camera saw.
 
     Attributes:

@@ -8,7 +8,8 @@ from camera_scenes import errors
 from lens_scenes import camera, each_camera, on_a_hand
 
 from suta_calib.arrays import FloatArray
-from suta_calib.pose_calibration.pictures import Intrinsics, hand_eye_from_pictures
+from suta_calib.pose_calibration import hand_eye_from_pictures
+from suta_calib.pose_calibration.pictures import Intrinsics
 
 
 def ratios(name: str, seeds: range, intrinsics: Intrinsics) -> FloatArray:
