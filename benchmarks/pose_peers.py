@@ -1,7 +1,8 @@
 """What others answer to the same poses: OpenCV's hand-eye, scikit-surgerycalibration's pivot.
 
 Every function takes and gives this project's conventions, m; what a peer cannot solve is an
-exception or a number that is not finite. Peers that are not installed are left out.
+exception or a number that is not finite. Peers that are not installed are left out. Of pictures
+the peer is plain least squares of the reprojection errors, in SciPy.
 """
 
 from __future__ import annotations
@@ -10,13 +11,17 @@ import contextlib
 import io
 import random
 from collections.abc import Callable
+from dataclasses import dataclass, replace
 from importlib import import_module, metadata
 from types import ModuleType
 
 import numpy as np
+from scipy.optimize import least_squares
 
-from suta_calib.arrays import FloatArray
-from suta_calib.terms import Poses, inverse_poses
+from suta_calib.arrays import BoolArray, FloatArray, IntArray
+from suta_calib.geometry import homogeneous, rotation_from_vector
+from suta_calib.measurements import Camera
+from suta_calib.terms import EyeSetup, Poses, inverse_poses
 from suta_calib.units import from_mm, mm
 
 # X from the hand's poses and what the eye saw.
@@ -60,6 +65,66 @@ def pivot_peers() -> tuple[dict[str, PivotMethod], str]:
     }
     methods = {f"sksurgery {n}": _pivot(module, c) for n, c in configurations.items()}
     return methods, f"scikit-surgerycalibration {metadata.version('scikit-surgerycalibration')}"
+
+
+@dataclass(frozen=True, eq=False)
+class Pictures:
+    """Corners of a board in pictures that a robot took, or was in.
+
+    Attributes:
+        setup: where the camera is; the board is on the other.
+        hand: (n, 4, 4) ``T_base_hand`` of every picture, m.
+        picture: (m,) row of ``hand`` for every corner.
+        points: (m, 3) corners on the board, m.
+        pixels: (m, 2) where they were seen, px.
+    """
+
+    setup: EyeSetup
+    hand: FloatArray
+    picture: IntArray
+    points: FloatArray
+    pixels: FloatArray
+
+    def take(self, rows: BoolArray) -> Pictures:
+        """Some pictures (n,) alone."""
+        used = rows[self.picture]
+        return replace(
+            self,
+            picture=self.picture[used],
+            points=self.points[used],
+            pixels=self.pixels[used],
+        )
+
+    def errors(self, X: FloatArray, Z: FloatArray, camera: Camera) -> FloatArray:
+        """Reprojection errors (m, 2), px, with the robot's poses as they are."""
+        seen = (
+            np.linalg.inv(self.hand @ X) @ Z
+            if self.setup == "eye-in-hand"
+            else np.linalg.inv(X) @ self.hand @ Z
+        )[self.picture]
+        there = np.einsum("nij,nj->ni", seen[:, :3, :3], self.points) + seen[:, :3, 3]
+        return np.asarray(camera.project(there) - self.pixels)
+
+    def least_squares(
+        self, X: FloatArray, Z: FloatArray, camera: Camera, *, free: bool
+    ) -> tuple[FloatArray, FloatArray, Camera]:
+        """X, Z and the camera with the least squared errors, begun at those given.
+
+        The robot's poses are taken as exact. ``free`` estimates the intrinsics too.
+        """
+        unit = np.array([100.0] * 4 + [0.1] * (len(camera.intrinsics) - 4))
+
+        def frames(step: FloatArray) -> tuple[FloatArray, FloatArray, Camera]:
+            moved = [
+                T @ homogeneous(rotation_from_vector(part[3:]), part[:3])
+                for T, part in ((X, step[:6]), (Z, step[6:12]))
+            ]
+            values = camera.intrinsics + (unit * step[12:] if free else 0.0)
+            return moved[0], moved[1], replace(camera, intrinsics=values, covariance=None)
+
+        start = np.zeros(12 + (len(unit) if free else 0))
+        found = least_squares(lambda step: self.errors(*frames(step)).ravel(), start, x_scale="jac")
+        return frames(found.x)
 
 
 def _module(name: str) -> ModuleType | None:

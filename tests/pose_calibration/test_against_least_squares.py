@@ -1,22 +1,20 @@
 """X from pictures against plain least squares of the reprojection, which takes the hand as exact.
 
-The other solution is written here by itself: SciPy, the same corners, the same start.
+The other solution is that of the benchmarks: SciPy, the same corners, begun at the truth.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from pathlib import Path
 
 import numpy as np
 import pytest
-from lens_scenes import BOARD, SIZE, boards_seen, camera
-from scipy.optimize import least_squares
+from lens_scenes import BOARD, SIZE, anywhere, boards_seen, camera, hand_of, poses_of
 
+from benchmarks.pose_peers import Pictures
 from suta_calib.arrays import BoolArray, FloatArray
-from suta_calib.geometry.numbers import homogeneous, rotation_from_vector, vector_from_rotation
+from suta_calib.geometry.numbers import vector_from_rotation
 from suta_calib.measurements import Camera, Corners
-from suta_calib.measurements.pose_files import HandPoses
 from suta_calib.pose_calibration.pictures import View, hand_eye_from_pictures
 from suta_calib.terms.hand_eye_start import EYE_IN_HAND, EYE_TO_HAND, EyeSetup
 from suta_calib.vision import calibrate_camera
@@ -67,12 +65,7 @@ class Scene:
     def answer(self, rows: BoolArray) -> tuple[FloatArray, FloatArray, Camera]:
         """X, Z and the camera of some pictures (n,) by the package."""
         names = np.array(self.names)[rows]
-        hand = HandPoses(
-            path=Path("poses.csv"),
-            lines=tuple(range(2, len(names) + 2)),
-            pose=(self.hand[rows, :3, :3], self.hand[rows, :3, 3]),
-            image=names,
-        )
+        hand = replace(poses_of(self.hand[rows]), image=names)
         corners = self.corners.take(np.isin(self.corners.image, names))
         view = View("default", corners, BOARD, replace(self.camera, corners=corners.digest))
         (found,) = hand_eye_from_pictures(
@@ -80,62 +73,34 @@ class Scene:
         ).cameras
         return found.X, found.Z, found.camera
 
-    def errors(self, X: FloatArray, Z: FloatArray, lens: Camera, rows: BoolArray) -> FloatArray:
-        """Reprojection errors (m,) of the corners of some pictures, px."""
+    @property
+    def seen(self) -> Pictures:
+        """For plain least squares of the reprojection."""
         picture = {name: k for k, name in enumerate(self.names)}
         which = np.array([picture[name] for name in self.corners.image.tolist()])
-        used = rows[which]
-        if self.given.setup == EYE_IN_HAND:
-            seen = np.linalg.inv(self.hand @ X) @ Z
-        else:
-            seen = np.linalg.inv(X) @ self.hand @ Z
-        seen = seen[which[used]]
-        points = BOARD.positions(self.corners.point[used])
-        there = np.einsum("nij,nj->ni", seen[:, :3, :3], points) + seen[:, :3, 3]
-        return np.asarray((lens.project(there) - self.corners.pixel[used]).ravel())
+        points = BOARD.positions(self.corners.point)
+        return Pictures(self.given.setup, self.hand, which, points, self.corners.pixel)
 
     def plain(self, rows: BoolArray, *, free: bool) -> tuple[FloatArray, FloatArray, Camera]:
         """X, Z and the camera by least squares over some pictures, begun at the truth."""
-        unit = np.array([100.0] * 4 + [0.1] * (len(self.camera.intrinsics) - 4))
-
-        def frames(step: FloatArray) -> tuple[FloatArray, FloatArray, Camera]:
-            X, Z = (
-                T @ homogeneous(rotation_from_vector(part[3:]), part[:3])
-                for T, part in ((self.X, step[:6]), (self.Z, step[6:12]))
-            )
-            values = self.camera.intrinsics + (unit * step[12:] if free else 0.0)
-            return X, Z, replace(self.camera, intrinsics=values, covariance=None)
-
-        start = np.zeros(12 + (len(unit) if free else 0))
-        found = least_squares(lambda step: self.errors(*frames(step), rows), start, x_scale="jac")
-        return frames(found.x)
+        return self.seen.take(rows).least_squares(self.X, self.Z, self.camera, free=free)
 
 
 def scene(given: Given, seed: int) -> Scene:
     true, random = camera(given.lens), np.random.default_rng([seed, 7])
     seen = boards_seen(true, seed, given.pictures, given.sigma)
 
-    def anywhere(place: FloatArray) -> FloatArray:
-        return homogeneous(rotation_from_vector(random.uniform(-1.5, 1.5, 3)), place)
-
-    on_hand, beside = anywhere(random.uniform(-0.1, 0.1, 3)), anywhere(np.array([0.8, 0.3, 0.2]))
+    on_hand = anywhere(random.uniform(-0.1, 0.1, 3), random)
+    beside = anywhere([0.8, 0.3, 0.2], random)
     X, Z = (on_hand, beside) if given.setup == EYE_IN_HAND else (beside, on_hand)
-    hand = (
-        Z @ np.linalg.inv(X @ seen.poses)
-        if given.setup == EYE_IN_HAND
-        else X @ seen.poses @ np.linalg.inv(Z)
-    )
     good = np.ones(given.pictures, dtype=np.bool_)
     good[random.permutation(given.pictures)[: given.outliers]] = False
     # An outlier is one by centimetres and degrees.
-    far = np.where(good[:, None], np.array(given.robot), [0.02, 0.03])
-    turn = rotation_from_vector(far[:, 1:] * random.standard_normal((len(hand), 3)))
-    moved = hand.copy()
-    moved[:, :3, :3] = hand[:, :3, :3] @ turn
-    moved[:, :3, 3] += far[:, :1] * random.standard_normal((len(hand), 3))
+    off = np.where(good[:, None], np.array(given.robot), [0.02, 0.03])
+    hand = hand_of(seen.poses, X, Z, given.setup, off, random)
     corners = seen.corners.take(true.inside(seen.corners.pixel))
     fit = calibrate_camera(corners, BOARD, *SIZE)
-    return Scene(given, fit.camera, corners, moved, X, Z, good)
+    return Scene(given, fit.camera, corners, hand, X, Z, good)
 
 
 def off(found: FloatArray, true: FloatArray) -> FloatArray:
@@ -160,7 +125,7 @@ def test_no_least_squares_is_nearer_to_the_truth_or_predicts_better(given: Given
             rest, out = fold != k, (fold == k) & one.good
             answers = [one.answer(rest)]
             answers += [one.plain(rest & one.good, free=free) for free in (False, True)]
-            squares += [np.sum(one.errors(*answer, out) ** 2) for answer in answers]
+            squares += [np.sum(one.seen.take(out).errors(*answer) ** 2) for answer in answers]
         left.append(squares)
     nearest = np.min(np.mean(np.square(theirs), axis=0), axis=0)
     # Two seeds: the ratio of two means of squares scatters by as much.
