@@ -184,13 +184,15 @@ def refuse_exchanged(
     seed: int | None,
     numbers: IntArray | None = None,
     seen_exchanged: SeenExchanged | None = None,
+    images: Sequence[str] = (),
 ) -> None:
     """Refuse rows that agree once two labels are exchanged from a row on, and name them.
 
     One half of the rows is before the exchange, or after it: its poses tell of every row of two
     eyes, or of two targets, whether its own label or the other's fits better. ``numbers``
     (n,) of the rows in their file are their order by default. ``seen_exchanged`` is for poses that
-    depend on the label, as of pictures, which are read with the camera that it names.
+    depend on the label, as of pictures, which are read with the camera that it names; ``images``
+    has the names of pictures by the number of their row.
     """
     count, together = len(A[1]), sight.together
     lost = 1.0 - float(start.inliers.mean())
@@ -236,10 +238,11 @@ def refuse_exchanged(
     if agree and better and min(int(moved[:row].sum()), int(moved[row:].sum())) >= few:
         names = sight.eyes if what == "eye" else sight.targets
         rows = np.arange(count) if numbers is None else numbers
-        since = _since(A, (B, seen, B_read), (together, read), again, (what, a, b), rows)
+        since = _since(A, (B, seen, B_read), (together, read), again, (what, a, b), rows, images)
+        counted = "" if images else " (rows from 0)"
         raise SamplesError(
-            f"rows that agree only if {what}s {names[a]} and {names[b]} are exchanged {since} "
-            f"(rows from 0): {int(start.inliers.sum())} of {count} rows agree within "
+            f"rows that agree only if {what}s {names[a]} and {names[b]} are exchanged "
+            f"{since}{counted}: {int(start.inliers.sum())} of {count} rows agree within "
             f"{deg(start.sigmas[1]):.2f}° per axis as they are, and {int(again.inliers.sum())} "
             f"within {deg(again.sigmas[1]):.2f}° then",
             f"labels that mean the same {what} in all rows",
@@ -255,6 +258,7 @@ def _since(
     again: Consensus,
     exchanged: tuple[Role, int, int],
     numbers: IntArray,
+    images: Sequence[str],
 ) -> str:
     """From which row on labels are exchanged, or between which it happened, in words.
 
@@ -265,6 +269,7 @@ def _since(
         again: what agrees then: X and Z of those rows tell of every row which label fits.
         exchanged: the role, and the two whose labels were exchanged.
         numbers: (n,) of the rows in their file; those of one number are of one instant.
+        images: names of pictures by these numbers; empty if rows have none.
     """
     given, read = labels
     count = len(A[1])
@@ -286,9 +291,12 @@ def _since(
     likely, may_be = likely[may_be], numbers[may_be]
     possible = np.flatnonzero(likely > likely.max() - doubt)
     first, last = int(possible[0]), int(possible[-1])
+    before, latest = (may_be[k] for k in (max(first - 1, 0), last))
+    what = "picture" if images else "row"
+    names = [images[number] if images else number for number in (before, latest)]
     if first == last:
-        return f"from row {may_be[last]} on"
-    return f"from a row between {may_be[max(first - 1, 0)]} and {may_be[last]} on"
+        return f"from {what} {names[1]} on"
+    return f"from a {what} between {names[0]} and {names[1]} on"
 
 
 def _swapped(together: SeenTogether, role: str, a: int, b: int) -> BoolArray:

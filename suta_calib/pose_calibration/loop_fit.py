@@ -267,6 +267,7 @@ def refuse_exchanged_labels(
     seed: int | None,
     numbers: IntArray,
     seen_exchanged: SeenExchanged,
+    images: Sequence[str],
 ) -> None:
     """`refuse_exchanged` of pairs of poses (n,) in order, whose rows have these numbers (n,)."""
     length, _, scaled, target = _in_units(as_eye_in_hand(hand, setup), seen)
@@ -276,7 +277,7 @@ def refuse_exchanged_labels(
         return R, p / length
 
     start = first_consensus(scaled, target, sight.together, seed)
-    refuse_exchanged(start, scaled, target, sight, seed, numbers, in_units)
+    refuse_exchanged(start, scaled, target, sight, seed, numbers, in_units, images)
 
 
 def _refuse_constant(hand: Poses, seen: Poses, sight: Sight) -> None:

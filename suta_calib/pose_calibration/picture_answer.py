@@ -98,6 +98,7 @@ class CameraEstimate(Displayable, EyePoses):
             hand's motions tell.
         other_size: what in the camera's file denies the size of picture that it says, in a
             sentence, or empty.
+        moved: what was moved while its pictures were taken, in a sentence, or empty.
         exact: whether its file is of an ideal camera, which the pictures do not contradict: it was
             taken to be exact.
         lens_choice: how the model of the lens was chosen, where no file says it.
@@ -131,6 +132,7 @@ class CameraEstimate(Displayable, EyePoses):
     numbered_otherwise: tuple[str, Level]
     board_size: Learned
     other_size: str
+    moved: str
     exact: bool
     lens_choice: LensChoice | None
     markers: Markers | None
@@ -407,7 +409,9 @@ def _judged(camera: CameraEstimate, noise: PictureNoise) -> tuple[list[str], lis
             "may stay unnoticed. Take a dozen or more."
         )
     # Where it follows wrong intrinsics, other pictures are no remedy.
-    if camera.chance_held > FALSE_ALARM and (unsure := camera.unsure()):
+    if camera.moved:
+        care.append(camera.moved)
+    elif camera.chance_held > FALSE_ALARM and (unsure := camera.unsure()):
         remedy = "add pictures, turned by 30° or more about different axes, near and far."
         if noise.shared[0] > noise.position.value or noise.shared[1] > noise.rotation.value:
             remedy = (

@@ -21,6 +21,7 @@ from suta_calib.terms.hand_eye_start import (
     some_poses,
 )
 from suta_calib.terms.lens_choice import camera_alone
+from suta_calib.trust.hypotheses.moved_at_a_row import Moved, moved_text
 
 
 def cause_of_disagreement(
@@ -62,6 +63,21 @@ def cause_of_disagreement(
             "the file must be for this camera, this focus and this size of picture",
         )
     return "", ""
+
+
+def moved_between_pictures(term: CameraView, good: BoolArray) -> str:
+    """What was moved while pictures (n,) were taken, in a sentence; empty if nothing was.
+
+    By the board's pose in each picture, with the camera as it was found.
+    """
+    term = term.take(good)
+    posed, hand, board = usable_poses(term)
+    try:
+        found = calibrate_hand_eye(hand, board, setup=term.setup).finding(Moved.name)
+    except SamplesError:
+        return ""
+    images = term.poses.samples.labels["image"][posed].tolist()
+    return moved_text(found.evidence, "pictures", images) if found else ""
 
 
 def loose(answer: HandEyeCalibration) -> bool:

@@ -42,7 +42,12 @@ from suta_calib.pose_calibration.picture_answer import (
     PictureCalibration,
     chance_of_held,
 )
-from suta_calib.pose_calibration.picture_causes import cause_of_disagreement, loose, usable_poses
+from suta_calib.pose_calibration.picture_causes import (
+    cause_of_disagreement,
+    loose,
+    moved_between_pictures,
+    usable_poses,
+)
 from suta_calib.pose_calibration.picture_noise import (
     Hands,
     Weighed,
@@ -82,6 +87,7 @@ from suta_calib.terms.hand_eye_start import (
 from suta_calib.terms.intrinsics import HELD, ideal
 from suta_calib.terms.misread_pictures import other_size
 from suta_calib.terms.surveyed_markers import SurveyedMarkers
+from suta_calib.trust.hypotheses.moved_at_a_row import Moved
 
 Intrinsics = Literal["fixed", "free"]
 # How well an ideal camera is known, in the ± of one that somebody calibrated: 0.06 px of a picture
@@ -143,8 +149,8 @@ def hand_eye_from_pictures(
         filed = [k for k, view in enumerate(views) if view.camera is not None]
         refuse_exchanged_files([views[k].label for k in filed], [terms[k].pictures for k in filed])
         with error_context(hand.path):
-            _refuse_exchanged(terms, views, seed if robust else None)
-    agreeing, refusals = list[BoolArray | UndeterminedError](), list[SamplesError]()
+            _refuse_exchanged(terms, views, hand.image.tolist(), seed if robust else None)
+    agreeing, refusals = list[_Agreeing | UndeterminedError](), list[SamplesError]()
     for view, term in zip(views, terms, strict=True):
         try:
             with error_context(view.corners.path):
@@ -160,8 +166,8 @@ def hand_eye_from_pictures(
     not_found, more_left_out = _not_found(views, agreeing)
     determined = [k for k, good in enumerate(agreeing) if not isinstance(good, UndeterminedError)]
     views, terms = [views[k] for k in determined], [terms[k] for k in determined]
-    good_ones = [good for good in agreeing if not isinstance(good, UndeterminedError)]
-    solution, believed = _settled(terms, good_ones, robust)
+    found = [one for one in agreeing if not isinstance(one, UndeterminedError)]
+    solution, believed = _settled(terms, [one.pictures for one in found], robust)
     for term in terms:
         refuse_undetermined(solution, term.owners[0], "X", ADVICE)
     hands = _hands(
@@ -179,8 +185,10 @@ def hand_eye_from_pictures(
         problem, freed = _freed(solution, weighed, hands)
     sizes = sizes_of_boards(problem, freed)
     cameras = tuple(
-        _camera_estimate(view, term, good, sure, weighed, freed, sizes[view.target], hand)
-        for view, term, good, sure in zip(views, terms, believed, exact, strict=True)
+        _camera_estimate(view, term, good, sure, weighed, freed, sizes[view.target], hand, moved)
+        for view, term, good, sure, moved in zip(
+            views, terms, believed, exact, [one.moved for one in found], strict=True
+        )
     )
     return PictureCalibration(
         setup=setup,
@@ -216,7 +224,7 @@ def _between(
 
 
 def _not_found(
-    views: Sequence[View], agreeing: Sequence[BoolArray | UndeterminedError]
+    views: Sequence[View], agreeing: Sequence[_Agreeing | UndeterminedError]
 ) -> tuple[tuple[NotFound, ...], list[str]]:
     """Cameras whose pictures leave X open; notes on boards that one camera of several saw so."""
     both = [*zip(views, agreeing, strict=True)]
@@ -254,8 +262,10 @@ def _enough(
     return [views[k] for k in usable], [terms[k] for k in usable], notes
 
 
-def _refuse_exchanged(terms: Sequence[CameraView], views: Sequence[View], seed: int | None) -> None:
-    """Refuse labels of cameras or boards that are exchanged from some row on."""
+def _refuse_exchanged(
+    terms: Sequence[CameraView], views: Sequence[View], images: Sequence[str], seed: int | None
+) -> None:
+    """Refuse labels of cameras or boards that are exchanged from some picture on."""
     posed = [usable_poses(term) for term in terms]
     rows = [
         np.array([int(o) for o in term.poses.samples.origin], dtype=np.intp)[there]
@@ -288,8 +298,8 @@ def _refuse_exchanged(terms: Sequence[CameraView], views: Sequence[View], seed: 
         ]
         return joined(p[0] for p in read), joined(p[1] for p in read)
 
-    setup = terms[0].setup
-    refuse_exchanged_labels(hand, board, sight, setup, seed, numbers[order], seen_exchanged)
+    setup, rows_in_order = terms[0].setup, numbers[order]
+    refuse_exchanged_labels(hand, board, sight, setup, seed, rows_in_order, seen_exchanged, images)
 
 
 def _read_with(term: CameraView, camera: Camera, posed: tuple[BoolArray, Poses, Poses]) -> Poses:
@@ -415,8 +425,16 @@ def _term(
     )
 
 
-def _agreeing(term: CameraView, view: View, robust: bool, seed: int, *, alone: bool) -> BoolArray:
-    """(n,) pictures whose boards agree with one X; refuses what no X explains, by its cause."""
+@dataclass(frozen=True, eq=False)
+class _Agreeing:
+    """Pictures (n,) whose boards agree with one X, and whether something seems to have moved."""
+
+    pictures: BoolArray
+    moved: bool
+
+
+def _agreeing(term: CameraView, view: View, robust: bool, seed: int, *, alone: bool) -> _Agreeing:
+    """Pictures whose boards agree with one X; refuses what no X explains, by its cause."""
     posed, hand, eye = usable_poses(term)
     answer, problem = None, None
     try:
@@ -437,7 +455,8 @@ def _agreeing(term: CameraView, view: View, robust: bool, seed: int, *, alone: b
         raise problem
     believed = np.zeros(len(posed), dtype=np.bool_)
     believed[posed] = answer.inliers
-    return believed if robust else np.ones_like(believed)
+    moved = answer.finding(Moved.name) is not None
+    return _Agreeing(believed if robust else np.ones_like(believed), moved)
 
 
 def _settled(
@@ -504,6 +523,7 @@ def _camera_estimate(
     freed: Weighed,
     size: Learned,
     hand: HandPoses,
+    moved: bool,
 ) -> CameraEstimate:
     """A camera of the answer; ``freed`` is one with its intrinsics estimated."""
     same_corners = view.camera is not None and term.prior is not None
@@ -530,8 +550,8 @@ def _camera_estimate(
             slope = _slope(freed.covariance, at_freed, of)
             covariance = covariance + slope @ view.camera.covariance @ slope.T
         if chance_held < FALSE_ALARM:
-            moved = freed.free_estimate[at_freed] - weighed.x[at]
-            covariance = covariance + np.outer(moved, moved)
+            away = freed.free_estimate[at_freed] - weighed.x[at]
+            covariance = covariance + np.outer(away, away)
     X, Z = pose_named(values, eye), pose_named(values, board)
     by_pictures_alone = dict(zip(freed.names, freed.free_estimate.tolist(), strict=True))
     refined_board = term.board
@@ -577,6 +597,7 @@ def _camera_estimate(
         numbered_otherwise=term.pictures.numbered_otherwise,
         board_size=size,
         other_size=other_size(term.pictures),
+        moved=moved_between_pictures(refined, good) if moved else "",
         exact=exact,
         lens_choice=term.lens_choice,
         markers=markers,

@@ -127,7 +127,7 @@ def test_exchanged_cameras_are_named(scene: Pictures, tmp_path: Path) -> None:
     said = refused(
         "hand-eye", *named(replace(scene, views=tuple(views)), tmp_path, ["left", "right"])
     )
-    assert "eyes left and right are exchanged from row 7 on" in said
+    assert f"eyes left and right are exchanged from picture {scene.hand.image[7]} on:" in said
 
 
 def test_names_that_do_not_fit_are_told(scene: Pictures, tmp_path: Path) -> None:

@@ -77,5 +77,6 @@ def test_labels_exchanged_from_a_picture_on_are_named_though_the_cameras_differ(
             lines=(),
         )
         views.append(replace(view, corners=joined))
-    with pytest.raises(SamplesError, match=f"a and b are exchanged from row {since} on"):
+    first = scene.hand.image[since]
+    with pytest.raises(SamplesError, match=f"a and b are exchanged from picture {first} on"):
         solved(replace(scene, views=tuple(views)))

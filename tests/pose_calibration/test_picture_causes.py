@@ -41,6 +41,24 @@ def test_boards_turned_by_half_a_turn_and_wrong_poses_are_left_out() -> None:
     assert "In 003.png, 011.png the board is turned by half a turn" in found.assessment.notes[0]
 
 
+@pytest.mark.parametrize(("by", "named"), [(0.0, False), (3e-3, True)])
+def test_a_board_that_was_moved_is_named_with_its_picture(by: float, named: bool) -> None:
+    """One picture less is good, so that its row among the fitted ones is another."""
+    scene = pictures(20, pixel=0.1, robot=(1e-4, 2e-4), seed=1)
+    R, p = scene.hand.pose
+    # As seen from a board that stands still, the base moves the other way.
+    moved = p - np.where(np.arange(20) < 12, 0.0, by)[:, None] * [0.6, 0.8, 0.0]
+    moved[4] += 0.03
+    (seen,) = solved(replace(scene, hand=replace(scene.hand, pose=(R, moved)))).cameras
+    assert seen.strange == ["004.png"]
+    assert bool(seen.moved) == named
+    if named:
+        since, size = seen.moved.split(" is at another place, by ")
+        assert since == "From picture 012.png on the target (or the base)"
+        length, std = map(float, size.split(" mm")[0].split(" ± "))
+        assert abs(length - 3.0) < 3.0 * std < 0.6
+
+
 @pytest.mark.parametrize("setup", ["eye-in-hand", "eye-to-hand"])
 def test_a_board_that_looks_the_same_turned_is_numbered_as_the_poses_tell(setup: str) -> None:
     """However many pictures are numbered from the other end."""

@@ -1,7 +1,7 @@
 """A camera, a target, a tip or a post that was moved while rows were measured, or drifts."""
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Final
 
@@ -159,20 +159,7 @@ class Moved(AddedVariable):
 
     def sentence(self, evidence: Evidence) -> str:
         """What was moved, since when, by how much, and what to do."""
-        change = evidence.effect.about
-        (shift, std), *turn = sizes(evidence)
-        by = with_std(shift, std, "m")
-        by += "".join(f" and {with_std(angle, its, 'rad')}" for angle, its in turn)
-        since = change.since(evidence)
-        if since is None:
-            return (
-                f"From the first row to the last {change.what} drifts, by {by} in all. Something "
-                f"creeps, slips or warms up. Fix it, or use {change.rows} of a shorter time."
-            )
-        return (
-            f"From row {since} on (rows from 0) {change.what} is at another place, by {by}: it was "
-            f"moved. Use only the {change.rows} before or only those after this row."
-        )
+        return moved_text(evidence, evidence.effect.about.rows)
 
     def spoil(self, data: Any, values: Truth, rng: np.random.Generator) -> SpoiltData:
         """What was seen or touched is 5 mm elsewhere from the middle on."""
@@ -182,6 +169,31 @@ class Moved(AddedVariable):
         if isinstance(data, HandEye):
             size[:3] = pose_named(values, HandEye.frames[1].owner)[0] @ by
         return SpoiltData(seen_elsewhere(data, late[:, None] * by), size)
+
+
+def moved_text(evidence: Evidence, rows: str, images: Sequence[str] = ()) -> str:
+    """What was moved, since which row or picture, by how much, and what to do.
+
+    Args:
+        evidence: on `Moved`.
+        rows: what the rows are, in the plural.
+        images: names of pictures by the number of a row, if rows are pictures.
+    """
+    change, row = evidence.effect.about, "picture" if images else "row"
+    (shift, std), *turn = sizes(evidence)
+    by = with_std(shift, std, "m")
+    by += "".join(f" and {with_std(angle, its, 'rad')}" for angle, its in turn)
+    since = change.since(evidence)
+    if since is None:
+        return (
+            f"From the first {row} to the last {change.what} drifts, by {by} in all. Something "
+            f"creeps, slips or warms up. Fix it, or use {rows} of a shorter time."
+        )
+    which = f"{since} on (rows from 0)" if not images else f"{images[since]} on"
+    return (
+        f"From {row} {which} {change.what} is at another place, by {by}: it was moved. Use only "
+        f"the {rows} before or only those after this {row}."
+    )
 
 
 def sizes(evidence: Evidence) -> list[tuple[float, float]]:
