@@ -13,7 +13,7 @@ from functools import wraps
 from pathlib import Path
 from typing import Any, Final, Literal, TypeVar
 
-from suta_calib.errors import SutaCalibError, UnusableResultError
+from suta_calib.errors import SutaCalibError, UnusableResultError, is_interrupt
 
 Level = Literal["good", "care", "bad"]
 WORD: Final[dict[Level, str]] = {"good": "Good", "care": "Take care", "bad": "Do not use"}
@@ -43,8 +43,7 @@ def attempt(what: str, compute: Callable[[], T], otherwise: T, notes: list[str] 
     except MemoryError:
         raise
     except Exception as error:
-        # CasADi's calls may put a SystemError around an interrupt.
-        if isinstance(error, SystemError) and isinstance(error.__cause__, KeyboardInterrupt):
+        if is_interrupt(error):
             raise
         own_error = isinstance(error, SutaCalibError)
         reason = " ".join((str(error) if own_error else f"{type(error).__name__}: {error}").split())

@@ -24,6 +24,14 @@ class SutaCalibError(Exception):
     exit_code = 2
 
 
+def is_interrupt(error: BaseException) -> bool:
+    """Whether it is Ctrl-C, around which CasADi's calls may put a SystemError, and another one."""
+    inner: BaseException | None = error
+    while isinstance(inner, SystemError):
+        inner = inner.__cause__ or inner.__context__
+    return isinstance(inner, KeyboardInterrupt)
+
+
 class InputError(SutaCalibError):
     """Something the user gave cannot be used.
 

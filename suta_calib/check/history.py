@@ -7,11 +7,13 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
+from hashlib import sha256
 from pathlib import Path
 from typing import Any, Final
 
 from suta_calib.check.checking import Check
 from suta_calib.errors import OutputError
+from suta_calib.inputs import read_input
 from suta_calib.units import Unit, from_mm, shown
 
 NAME: Final = "checks.jsonl"
@@ -27,6 +29,7 @@ class EarlierCheck:
         p: chance of its rows if nothing changed.
         changed: what did.
         rms: of the errors of its rows, m; NaN of angles alone.
+        result: SHA-256 of the result that was checked; empty where an older line names none.
     """
 
     time: datetime
@@ -34,10 +37,11 @@ class EarlierCheck:
     p: float
     changed: tuple[str, ...]
     rms: float
+    result: str
 
 
-def line_of(check: Check, samples: Sequence[Path]) -> Mapping[str, Any]:
-    """What a history says of a check."""
+def line_of(check: Check, samples: Sequence[Path], result: Path) -> Mapping[str, Any]:
+    """What a history says of a check of the result in a file."""
     lengths = [rms for _, rms, unit in check.before if unit == "m"]
     return {
         "time": datetime.now(UTC).isoformat(timespec="seconds"),
@@ -52,6 +56,7 @@ def line_of(check: Check, samples: Sequence[Path]) -> Mapping[str, Any]:
         "rows": check.rows,
         "bad_rows": len(check.bad_rows),
         "samples": [path.name for path in samples],
+        "result_sha256": sha256(read_input(result)).hexdigest(),
     }
 
 
@@ -92,6 +97,7 @@ def recall(folder: Path) -> list[EarlierCheck]:
                     float(entry["p"]),
                     tuple(map(str, entry.get("changed", []))),
                     math.nan if rms is None else from_mm(float(rms)),
+                    str(entry.get("result_sha256", "")),
                 )
             )
         except (ValueError, TypeError, KeyError, AttributeError):

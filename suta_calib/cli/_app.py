@@ -22,7 +22,13 @@ from click.exceptions import Exit
 from suta_calib import __version__
 from suta_calib.atomic import inputs_kept
 from suta_calib.cli._process import INTERRUPTED, PROGRAM, discard_stdout, say_interrupted
-from suta_calib.errors import InputError, SutaCalibError, did_you_mean, shortened
+from suta_calib.errors import (
+    InputError,
+    SutaCalibError,
+    did_you_mean,
+    is_interrupt,
+    shortened,
+)
 
 # What --help says of each; the module of its name holds the click command.
 COMMANDS: Final = {
@@ -160,8 +166,7 @@ def run(arguments: Sequence[str] | None = None) -> int:
         except click.ClickException as error:
             return _failed(shortened(_one_line(error.format_message())), error.exit_code)
         except (click.Abort, KeyboardInterrupt, SystemError) as error:
-            # CasADi's calls may put a SystemError around an interrupt.
-            if type(error) is SystemError and type(error.__cause__) is not KeyboardInterrupt:
+            if isinstance(error, SystemError) and not is_interrupt(error):
                 raise
             say_interrupted()
             return INTERRUPTED

@@ -98,7 +98,7 @@ def check(
         answer = checking.run()
     folder, notes = written.file.parent, list[str]()
     if not no_history:
-        line = line_of(answer, samples)
+        line = line_of(answer, samples, written.file)
         # A folder that nobody may write to is checked all the same.
         attempt("written: the history", lambda: remember(folder, line), None, notes)
     answer = replace(answer, notes=(*answer.notes, *notes))

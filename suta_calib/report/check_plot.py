@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import pairwise
 from typing import Final
 
 import numpy as np
@@ -34,6 +35,14 @@ def check_history_plot(history: Sequence[EarlierCheck]) -> str:
                 ha="center",
                 fontsize=8,
             )
+        for k, (earlier, later) in enumerate(pairwise(history), 1):
+            if earlier.result != later.result:
+                axes.axvline(k + 0.5, color=GREY, lw=1, ls=":")
+                axes.annotate(
+                    *("calibrated again", (k + 0.5, 1), (3, -4), ("data", "axes fraction")),
+                    **{"textcoords": "offset points", "rotation": 90, "ha": "left", "va": "top"},
+                    **{"fontsize": 8, "color": GREY},
+                )
         axes.set_ylim(0, 1.25 * max(float(certain.max()), 2.0))
         axes.set_xlabel(f"check ({history[0].time:%Y-%m-%d} to {history[-1].time:%Y-%m-%d})")
         axes.set_ylabel("evidence of a change, −log₁₀ p")

@@ -324,7 +324,13 @@ def test_an_interrupt_leaves_nothing_half_written(job: Path, seen: int) -> None:
     assert not (job.parent / "results").exists()
 
 
-@pytest.mark.parametrize("cause", [KeyboardInterrupt(), None])
+def wrapped(inner: BaseException) -> SystemError:
+    error = SystemError("a result with an exception set")
+    error.__context__ = inner
+    return error
+
+
+@pytest.mark.parametrize("cause", [KeyboardInterrupt(), wrapped(KeyboardInterrupt()), None])
 def test_an_interrupt_that_a_library_wraps_is_one(
     job: Path, cause: BaseException | None, capsys: Capture, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -6,6 +6,7 @@ import json
 import math
 import threading
 from collections.abc import Callable
+from hashlib import sha256
 from pathlib import Path
 
 import numpy as np
@@ -75,6 +76,8 @@ def test_what_was_found_is_remembered_beside_the_result(calibrated: Path) -> Non
     assert not moved["unchanged"]
     assert {*moved["changed"]} <= {"base", "instrument"}
     assert moved["p"] < sound["p"]
+    result = (calibrated / "results" / "result.json").read_bytes()
+    assert {line["result_sha256"] for line in (sound, moved)} == {sha256(result).hexdigest()}
 
 
 def edited(calibrated: Path, change: Text) -> Path:
