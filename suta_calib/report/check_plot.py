@@ -39,9 +39,15 @@ def check_history_plot(history: Sequence[EarlierCheck]) -> str:
             if earlier.result != later.result:
                 axes.axvline(k + 0.5, color=GREY, lw=1, ls=":")
                 axes.annotate(
-                    *("calibrated again", (k + 0.5, 1), (3, -4), ("data", "axes fraction")),
-                    **{"textcoords": "offset points", "rotation": 90, "ha": "left", "va": "top"},
-                    **{"fontsize": 8, "color": GREY},
+                    "calibrated again",
+                    (k + 0.5, 1),
+                    (3, -4),
+                    ("data", "axes fraction"),
+                    "offset points",
+                    rotation=90,
+                    va="top",
+                    fontsize=8,
+                    color=GREY,
                 )
         axes.set_ylim(0, 1.25 * max(float(certain.max()), 2.0))
         axes.set_xlabel(f"check ({history[0].time:%Y-%m-%d} to {history[-1].time:%Y-%m-%d})")
