@@ -2,7 +2,8 @@
 
     python benchmarks/check_study.py                       # false alarms, 500 checks of each kind
     python benchmarks/check_study.py --kinds range plane --checks 100
-    python benchmarks/check_study.py --lacking --outliers  # an arm with errors that no model has
+    python benchmarks/check_study.py --arm plays --outliers  # an arm with errors that no model has
+    python benchmarks/check_study.py --arm bent              # dimensions that the job holds are off
     python benchmarks/check_study.py --keep counted.jsonl  # goes on where it was interrupted
     python benchmarks/check_study.py --keep counted.jsonl --table  # docs/guides/check_table.md
     python benchmarks/check_study.py --found               # what is found, and what it is called
@@ -19,6 +20,7 @@ from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import cache
+from itertools import product
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Final
@@ -36,6 +38,12 @@ ROOT: Final = Path(__file__).resolve().parents[1]
 SUTA: Final = ROOT / "data" / "suta"
 CAMERA: Final = ROOT / "examples" / "camera_on_arm"
 PER_CALIBRATION: Final = 20
+# What the arm has that its job does not estimate.
+ARMS: Final = {
+    "modelled": "as modelled",
+    "plays": "plays and bends",
+    "bent": "dimensions held that are off",
+}
 TABLE: Final = ROOT / "docs" / "guides" / "check_table.md"
 
 ARM: Final = """\
@@ -45,11 +53,17 @@ seed: {seed}
 errors:
   - {{select: ["*.offset"], std_deg: 0.3}}
   - {{select: [{lengths}], std_mm: 1}}
+{bent}
 noise: {{seating_mm: 0.08, seating_deg: 0.05, encoder_deg: 0.002,
   instrument_mm: 0.1, instrument_deg: 0.05{noise}}}
 sets:
   calibration: {{kind: {kind}, {fitted}}}
   later: {{kind: {kind}, {later}}}
+"""
+# Of a machined and assembled arm: axes that do not meet, or not squarely.
+BENT: Final = """\
+  - {select: ["joint_?.r[xy]"], std_deg: 0.1}
+  - {select: ["joint_?.[xy]"], std_mm: 1}
 """
 JOB: Final = """\
 arm: {{urdf: {urdf}, tip: {tip}}}
@@ -222,16 +236,16 @@ class Made:
 
 
 @cache
-def made(name: str, seed: int, *, lacking: bool = False) -> Made:
+def made(name: str, seed: int, arm: str = "modelled") -> Made:
     """A calibration with its own truth and noise."""
     kind, random = KINDS[name], np.random.default_rng(seed)
-    arm = CAMERA / "arm.urdf" if kind.camera else ROOT / "urdf" / "suta.urdf"
     words = {
-        "urdf": arm,
+        "urdf": CAMERA / "arm.urdf" if kind.camera else ROOT / "urdf" / "suta.urdf",
         "tip": "hand" if kind.camera else "tip",
         "lengths": "joint_3.z, joint_5.z" if kind.camera else "joint_2.z, joint_4.z, joint_6.z",
         "posture": "posture_deg: {joint_2: 20, joint_3: 60, joint_5: 100}" if kind.camera else "",
         "noise": kind.noise,
+        "bent": BENT if arm == "bent" else "",
         "kind": name,
         "seed": seed,
     }
@@ -251,7 +265,7 @@ def made(name: str, seed: int, *, lacking: bool = False) -> Made:
     (later,) = job.validation
     observations = tuple(seen_within(term, kind.within) for term in job.observations)
     later = seen_within(later, kind.within)
-    if lacking:
+    if arm == "plays":
         observations = tuple(with_lack_of_fit(term, random) for term in observations)
         later = with_lack_of_fit(later, random)
     job = replace(job, observations=observations)
@@ -293,20 +307,20 @@ def with_outlier(term: Term, random: np.random.Generator) -> Term:
 
 
 def sound_checks(
-    name: str, count: int, *, lacking: bool = False, outliers: bool = False
+    name: str, count: int, arm: str = "modelled", *, outliers: bool = False
 ) -> Iterator[Check]:
     """Checks of arms on which nothing changed."""
     done, seed = 0, 0
     while done < count:
         seed += 1
-        for check in checks_of(name, seed, lacking=lacking, outliers=outliers)[: count - done]:
+        for check in checks_of(name, seed, arm, outliers=outliers)[: count - done]:
             yield check
             done += 1
 
 
-def checks_of(name: str, seed: int, *, lacking: bool, outliers: bool) -> list[Check]:
+def checks_of(name: str, seed: int, arm: str, *, outliers: bool) -> list[Check]:
     """Those of one calibration; none where it did not converge."""
-    random, answer = np.random.default_rng([7, seed]), made(name, seed, lacking=lacking)
+    random, answer = np.random.default_rng([7, seed]), made(name, seed, arm)
     if not answer.checker.solution.converged:
         return []
     rows = [with_outlier(term, random) if outliers else term for term in answer.checks]
@@ -319,7 +333,8 @@ class Counted:
 
     Attributes:
         kind: of observation.
-        lacking, outliers: whether the arm has errors that no model has, and rows are wrong.
+        arm: one of `ARMS`.
+        outliers: whether rows are wrong.
         seed: of the calibration.
         p: of each check.
         changed: what each said to have changed.
@@ -327,7 +342,7 @@ class Counted:
     """
 
     kind: str
-    lacking: bool
+    arm: str
     outliers: bool
     seed: int
     p: list[float]
@@ -335,11 +350,11 @@ class Counted:
     bad: int
 
     @classmethod
-    def of(cls, name: str, seed: int, *, lacking: bool, outliers: bool) -> Counted:
+    def of(cls, name: str, seed: int, arm: str, *, outliers: bool) -> Counted:
         """Checks, done now."""
-        checks = checks_of(name, seed, lacking=lacking, outliers=outliers)
+        checks = checks_of(name, seed, arm, outliers=outliers)
         return cls(
-            *(name, lacking, outliers, seed),
+            *(name, arm, outliers, seed),
             [check.p for check in checks],
             [[change.what for change in check.changed] for check in checks],
             sum(bool(check.bad_rows) for check in checks),
@@ -365,11 +380,11 @@ def false_alarms(args: argparse.Namespace) -> None:
     """A line for each kind."""
     before = counted_in(args.keep)
     for name in args.kinds:
-        mine = [c for c in before if _cell(c) == (name, args.lacking, args.outliers)]
+        mine = [c for c in before if _cell(c) == (name, args.arm, args.outliers)]
         seed = max((c.seed for c in mine), default=0)
         while sum(len(c.p) for c in mine) < args.checks:
             seed += 1
-            new = Counted.of(name, seed, lacking=args.lacking, outliers=args.outliers)
+            new = Counted.of(name, seed, args.arm, outliers=args.outliers)
             mine.append(new)
             if args.keep:
                 with args.keep.open("a") as kept:
@@ -377,8 +392,8 @@ def false_alarms(args: argparse.Namespace) -> None:
         print(" | ".join(_row(name, mine)), dict(_named(mine)), flush=True)
 
 
-def _cell(counted: Counted) -> tuple[str, bool, bool]:
-    return counted.kind, counted.lacking, counted.outliers
+def _cell(counted: Counted) -> tuple[str, str, bool]:
+    return counted.kind, counted.arm, counted.outliers
 
 
 def _named(counted: Sequence[Counted]) -> Counter[str]:
@@ -411,18 +426,13 @@ def write_table(args: argparse.Namespace) -> None:
         "| kind | arm | checks | calibrations | false alarms, % (95 %) | p < 5 % | bad rows |",
         "|---|---|--:|--:|--:|--:|--:|",
     ]
-    arms = {
-        (False, False): "as modelled",
-        (True, False): "plays and bends",
-        (False, True): "one wrong row",
-        (True, True): "plays and bends, one wrong row",
-    }
     for name in KINDS:
-        for (lacking, outliers), arm in arms.items():
-            mine = [c for c in before if _cell(c) == (name, lacking, outliers)]
+        for arm, outliers in product(ARMS, (False, True)):
+            mine = [c for c in before if _cell(c) == (name, arm, outliers)]
             if any(c.p for c in mine):
                 kind, *numbers = _row(name, mine)
-                lines.append(f"| {' | '.join([kind, arm, *numbers])} |")
+                called = ARMS[arm] + ", one wrong row" * outliers
+                lines.append(f"| {' | '.join([kind, called, *numbers])} |")
     TABLE.write_text("\n".join(lines) + "\n")
 
 
@@ -507,7 +517,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else "")
     parser.add_argument("--kinds", nargs="+", default=[*KINDS], choices=[*KINDS])
     parser.add_argument("--checks", type=int, default=500)
-    parser.add_argument("--lacking", action="store_true")
+    parser.add_argument("--arm", default="modelled", choices=[*ARMS])
     parser.add_argument("--outliers", action="store_true")
     parser.add_argument("--found", action="store_true")
     parser.add_argument("--keep", type=Path, help="file of what was counted, which is added to")

@@ -26,6 +26,7 @@ from suta_calib.assessment import Assessment, judged
 from suta_calib.check.error_model import LearnedErrors
 from suta_calib.check.family import Family
 from suta_calib.check.new_rows import NewRows
+from suta_calib.check.reference import reference_of
 from suta_calib.check.suspects import PLAUSIBLE, Suspect, candidates_of, suspect_of, suspects_of
 from suta_calib.display import Displayable
 from suta_calib.errors import SamplesError
@@ -47,6 +48,11 @@ _MOST_CHANGES: Final = 3
 _MOST_BAD: Final = 0.25
 _FEWEST: Final = 4
 UNKNOWN: Final = "something else"
+BESIDE_HELD: Final = (
+    "The calibration holds dimensions that its own rows show to be wrong. These are no change: the "
+    "new rows were held against what the calibrated rows say of all dimensions. Estimate them "
+    "(select: geometric, with prior_mm and prior_deg)."
+)
 # What most often changes, and is said of what the rows would have shown.
 _FIRST: Final = ("base", "instrument", "camera", "board", "tip")
 
@@ -142,6 +148,7 @@ class Check(Displayable):
         values: of all parameters of the rows, with what changed.
         notes: what must be known of it.
         first: number of the sample from which on something changed.
+        beside_held: whether the calibration holds dimensions that its own rows show to be wrong.
         before, after: RMS of the errors of each term's first block, m or rad, with the calibration
             as it was, and with what changed.
     """
@@ -158,6 +165,7 @@ class Check(Displayable):
     before: tuple[tuple[str, float, Unit], ...] = ()
     after: tuple[tuple[str, float, Unit], ...] = ()
     first: int = 0
+    beside_held: bool = False
 
     @property
     def unchanged(self) -> bool:
@@ -174,6 +182,7 @@ class Check(Displayable):
                 f"{what} changed since the calibration",
                 bad=[change.sentence for change in self.changed],
                 care=self._care,
+                facts=[BESIDE_HELD] * self.beside_held,
             )
         return Assessment.of(
             "nothing changed that these rows would show", care=self._care, facts=self._facts
@@ -201,7 +210,7 @@ class Check(Displayable):
             f"{enumerated([text(a, unit, with_unit=True) for unit, a in p.amounts.items()], 'or')}."
             for p in (*least, *others)
         ]
-        return [*facts, *self._hidden]
+        return [*facts, *self._hidden, *[BESIDE_HELD] * self.beside_held]
 
     @property
     def _hidden(self) -> Iterator[str]:
@@ -234,7 +243,7 @@ class Checker(Displayable):
     """A calibration that new rows are held against.
 
     Attributes:
-        solution: of the calibration.
+        solution: of the calibration (`reference_of` it, where that lacks dimensions).
         known: values of its parameters now, where some were estimated again (`check.repair`).
         covariance: names of the estimates then (n,), and their covariance now (n, n).
     """
@@ -244,32 +253,37 @@ class Checker(Displayable):
     covariance: tuple[tuple[str, ...], FloatArray] | None = None
 
     @cached_property
+    def reference(self) -> Solution:
+        """What new rows are held against: the calibration, but for dimensions that it lacks."""
+        return reference_of(self.solution) if self.known is None else self.solution
+
+    @cached_property
     def errors(self) -> LearnedErrors:
         """Of the calibrated rows."""
-        return LearnedErrors.of(self.solution)
+        return LearnedErrors.of(self.reference)
 
     @property
     def values(self) -> Mapping[str, float]:
-        """Of all parameters, now."""
-        return self.solution.values if self.known is None else self.known
+        """Of all parameters of the reference, now."""
+        return self.reference.values if self.known is None else self.known
 
     @cached_property
     def estimated(self) -> tuple[tuple[str, ...], FloatArray]:
         """Names of the estimates (n,), and their covariance (n, n) but for the scale's part."""
         if self.covariance is not None:
             return self.covariance
-        solution, free = self.solution, self.solution.free
-        names = tuple(solution.problem.names[k] for k in free)
-        covariance = solution.covariance_within_scale[np.ix_(free, free)]
+        reference, free = self.reference, self.reference.free
+        names = tuple(reference.problem.names[k] for k in free)
+        covariance = reference.covariance_within_scale[np.ix_(free, free)]
         at = [names.index(name) for name in self.errors.names]
         by_errors = np.zeros_like(covariance)
         by_errors[np.ix_(at, at)] = self.errors.of_estimates
         return names, _larger(covariance, by_errors)
 
     def scale_seen_by(self, terms: Sequence[Term]) -> FloatArray | None:
-        """(n, n) of the solution's parameters, by a scale that new rows do not share; or None."""
-        solution = self.solution
-        seen = solution.covariance_seen_by(terms) - solution.covariance_within_scale
+        """(n, n) of the reference's parameters, by a scale that new rows do not share; or None."""
+        reference = self.reference
+        seen = reference.covariance_seen_by(terms) - reference.covariance_within_scale
         return seen if np.any(seen) else None
 
     def check(self, terms: Term | Sequence[Term], false_alarm: float = FALSE_ALARM) -> Check:
@@ -288,9 +302,14 @@ class Checker(Displayable):
         """
         every = [terms] if isinstance(terms, Term) else list(terms)
         self._check_kinds(every)
-        answer = Examination.of_poses(self.solution)
-        rows = NewRows.beside(answer, every, self.values, self.errors.levels)
-        return Checking(self, rows, false_alarm)
+        return Checking(self, self.rows(every, self.reference, self.values), false_alarm)
+
+    def rows(
+        self, terms: Sequence[Term], solution: Solution, values: Mapping[str, float]
+    ) -> NewRows:
+        """New rows at values of a solution's parameters."""
+        answer = Examination.of_poses(solution)
+        return NewRows.beside(answer, terms, values, self.errors.levels)
 
     def _check_kinds(self, terms: Sequence[Term]) -> None:
         known = {sort[0] for sort in self.errors.levels}
@@ -326,7 +345,7 @@ class Checking:
         jacobian = self._columns(estimated)
         total = jacobian @ covariance @ jacobian.T
         if (scale := self.checker.scale_seen_by(self.start.problem.terms)) is not None:
-            jacobian = self._columns(self.checker.solution.problem.names)
+            jacobian = self._columns(self.checker.reference.problem.names)
             total = total + jacobian @ scale @ jacobian.T
         certified = artefact_errors(self.start.rows)
         if certified is not None:
@@ -545,11 +564,26 @@ class Checking:
             self.false_alarm,
             rows.values,
             bad_samples=tuple(bad),
-            before=_errors_of(self.start),
-            after=_errors_of(rows),
+            before=self._errors_at(self.start),
+            after=self._errors_at(rows),
+            beside_held=self.checker.reference is not self.checker.solution,
         )
         left = family.p_of_all(fit) < self.false_alarm
         return check, squares - fit.squares - penalty, left
+
+    @cached_property
+    def _as_calibrated(self) -> NewRows:
+        """The rows at the calibration's own values."""
+        checker = self.checker
+        if checker.reference is checker.solution:
+            return self.start
+        return checker.rows(self.start.problem.terms, checker.solution, checker.solution.values)
+
+    def _errors_at(self, rows: NewRows) -> tuple[tuple[str, float, Unit], ...]:
+        """Errors with the calibration's own values, moved as these rows were from the start."""
+        own, moved = self._as_calibrated, self.start
+        by = dict(zip(moved.problem.names, (rows.x - moved.x).tolist(), strict=True))
+        return _errors_of(own.moved_to(own.x + np.array([by[n] for n in own.problem.names])))
 
     def _freed(self, covariance: FloatArray) -> FloatArray:
         """(m, m) a covariance of the rows, freed of their total one."""

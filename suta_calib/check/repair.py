@@ -104,7 +104,8 @@ def repaired(checking: Checking, check: Check) -> Repair:
     factor = vectors * np.sqrt(np.maximum(values, 0.0))
     fit = _Update(checking, tuple(names[k] for k in kept), factor, again, bad)
     known, spread = fit.run()
-    problem, x = _with_added(before, again, {**checking.checker.values, **known})
+    was = {**checking.start.values, **checking.checker.values}
+    problem, x = _with_added(before, again, {n: v - was[n] for n, v in known.items()})
     index = {name: k for k, name in enumerate(problem.names)}
     every = np.zeros((len(x), len(x)))
     at = np.array([index[name] for name in fit.order if name in index], dtype=np.intp)
@@ -129,17 +130,17 @@ def repaired(checking: Checking, check: Check) -> Repair:
 
 
 def _with_added(
-    solution: Solution, again: Sequence[str], values: dict[str, float]
+    solution: Solution, again: Sequence[str], moved: dict[str, float]
 ) -> tuple[Problem, FloatArray]:
-    """The calibrated problem with what it held and what changed as an unknown; values now."""
+    """The calibrated problem with what it held and what changed as an unknown; values, moved."""
     fitted = solution.problem
     arm = fitted.arm
     more = [] if arm is None else [arm.offered[n] for n in again if n in arm.offered]
     parameters = [*fitted.arm_parameters.values()]
     more = [p for p in more if p.name not in fitted.arm_parameters]
     problem = Problem(fitted.terms, ParameterSet([*parameters, *more]))
-    start = solution.values | {p.name: p.nominal for p in more} | values
-    return problem, np.array([start[name] for name in problem.names])
+    start = solution.values | {p.name: p.nominal for p in more}
+    return problem, np.array([start[name] + moved.get(name, 0.0) for name in problem.names])
 
 
 @dataclass(frozen=True, eq=False)
