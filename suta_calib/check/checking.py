@@ -13,12 +13,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Final
 
 import numpy as np
-from scipy.linalg import solve_triangular
+from scipy.linalg import block_diag, solve_triangular
 from scipy.special import chdtri
 
 from suta_calib.arrays import FloatArray, IntArray
@@ -68,6 +68,7 @@ class FoundChange(Displayable):
         p: chance of rows so far off if nothing changed, allowing for all tests.
         instead: what explains the rows nearly as well.
         names: parameters that describe it; empty where none do.
+        directions: (k, r) of the names in which these rows tell something, one σ along each.
         at_tip: by how much it moves the tips of these rows, RMS, m; NaN where they do not move.
         since: file and row at which it began; empty where all rows show it.
     """
@@ -77,6 +78,7 @@ class FoundChange(Displayable):
     p: float
     instead: tuple[str, ...] = ()
     names: tuple[str, ...] = ()
+    directions: FloatArray = field(default_factory=lambda: np.zeros((0, 0)))
     at_tip: float = math.nan
     since: str = ""
 
@@ -402,18 +404,17 @@ class Checking:
         freed = solve_triangular(self.root, columns, lower=True, check_finite=False)
         return np.asarray(freed)
 
-    def fit(self, rows: NewRows, freed: IntArray, extra: FloatArray) -> LinearFit:
+    def fit(self, rows: NewRows, freed: Moved, extra: FloatArray) -> LinearFit:
         """The rows freed of their covariance.
 
         Args:
             rows: where they are linear.
-            freed: parameters that changed (k,), which follow beside those that are the rows' own.
+            freed: what changed, which follows beside what is the rows' own.
             extra: (m, j) what else they may have, such as a bad row.
         """
-        unknown = np.concatenate([self.own, freed])
-        both = [rows.jacobian[:, unknown], extra, rows.residual[:, None]]
+        both = [rows.jacobian[:, self.own], freed.columns(rows), extra, rows.residual[:, None]]
         white = self.white(np.hstack(both))
-        more = np.zeros(len(freed) + extra.shape[1])
+        more = np.zeros(freed.count + extra.shape[1])
         own = rows.problem.prior_precision()[self.own]
         away = rows.x[self.own] - rows.problem.parameters.array("nominal")[self.own]
         return LinearFit(
@@ -497,7 +498,7 @@ class Checking:
 
     def _best_onset(self, onsets: IntArray, tried: int) -> tuple[int, float]:
         """Sample from which on some change explains most, and by Schwarz's criterion how much."""
-        nothing = np.zeros(0, dtype=np.intp), np.zeros((len(self.start.residual), 0))
+        nothing = Moved(), np.zeros((len(self.start.residual), 0))
         sample, log_choices = self.start.shared.sample[0], math.log(tried)
         suspects = suspects_of(self.start, self.checker.values)
         fit, best = self.fit(self.start, *nothing), (0, -math.inf)
@@ -514,7 +515,7 @@ class Checking:
 
         The first by Schwarz's criterion.
         """
-        rows, freed = self.start, np.zeros(0, dtype=np.intp)
+        rows, freed = self.start, Moved()
         extra, bad, changes = np.zeros((len(rows.residual), 0)), list[int](), list[FoundChange]()
         fit = self.fit(rows, freed, extra)
         squares = fit.squares
@@ -540,8 +541,7 @@ class Checking:
                 changes.append(_change(certain, family, rows))
                 suspect = suspect_of(certain[0])
                 if suspect.names:
-                    added = [rows.problem.names.index(name) for name in suspect.names]
-                    freed = np.concatenate([freed, np.array(added, dtype=np.intp)])
+                    freed = freed.beside(rows, changes[-1])
                     rows = self._settled(rows, freed, extra)
                 else:
                     extra = np.hstack([extra, suspect.columns])
@@ -554,7 +554,7 @@ class Checking:
         if not changes and family.p_of_all(fit) < self.false_alarm:
             changes.append(FoundChange(UNKNOWN, {}, family.p_of_all(fit)))
         origin = [row for t in self.start.problem.terms for row in t.poses.samples.origin]
-        penalty = (len(freed) + extra.shape[1]) * math.log(max(fit.rows, 2.0))
+        penalty = (freed.count + extra.shape[1]) * math.log(max(fit.rows, 2.0))
         check = Check(
             tuple(changes),
             power,
@@ -580,10 +580,18 @@ class Checking:
         return checker.rows(self.start.problem.terms, checker.solution, checker.solution.values)
 
     def _errors_at(self, rows: NewRows) -> tuple[tuple[str, float, Unit], ...]:
-        """Errors with the calibration's own values, moved as these rows were from the start."""
-        own, moved = self._as_calibrated, self.start
-        by = dict(zip(moved.problem.names, (rows.x - moved.x).tolist(), strict=True))
-        return _errors_of(own.moved_to(own.x + np.array([by[n] for n in own.problem.names])))
+        """Errors with the calibration's own values, but for what moved in these rows."""
+        checker, before = self.checker, self._as_calibrated
+        known = checker.solution.values if checker.known is None else checker.known
+        moved = {
+            name: before.values[name] + by
+            for name, by in zip(rows.problem.names, (rows.x - self.start.x).tolist(), strict=True)
+            if by and (name in known or name in rows.problem.arm_parameters)
+        }
+        if not moved:
+            return _errors_of(before)
+        terms = before.problem.terms
+        return _errors_of(checker.rows(terms, checker.solution, {**known, **moved}))
 
     def _freed(self, covariance: FloatArray) -> FloatArray:
         """(m, m) a covariance of the rows, freed of their total one."""
@@ -597,14 +605,15 @@ class Checking:
         white = np.split(self.white(np.hstack([s.columns for s in suspects])), ends[:-1], axis=1)
         return [replace(s.effect, columns=c) for s, c in zip(suspects, white, strict=True)]
 
-    def _settled(self, rows: NewRows, freed: IntArray, extra: FloatArray) -> NewRows:
+    def _settled(self, rows: NewRows, freed: Moved, extra: FloatArray) -> NewRows:
         """The rows where what changed, and what they alone tell, has been moved to fit them."""
-        unknown = np.concatenate([self.own, freed])
+        own = len(self.own)
         # A change that is no small one is found in a few steps.
         for _ in range(6):
             fit = self.fit(rows, freed, extra)
             at = rows.x.copy()
-            at[unknown] += fit.step[: len(unknown)]
+            at[self.own] += fit.step[:own]
+            np.add.at(at, freed.at, freed.along @ fit.step[own : own + freed.count])
             rows = rows.moved_to(at)
             # Of a step, in whitened units, that changes nothing.
             if float(np.linalg.norm(fit.jacobian @ fit.step)) < 1e-3:
@@ -631,12 +640,44 @@ class Checking:
         return sample
 
 
+@dataclass(frozen=True, eq=False)
+class Moved:
+    """Parameters that changed, along what rows tell of them.
+
+    Of a link with six numbers few rows may tell two: the others stay.
+
+    Attributes:
+        at: (k,) numbers of the parameters.
+        along: (k, r) directions in which they move.
+    """
+
+    at: IntArray = field(default_factory=lambda: np.zeros(0, dtype=np.intp))
+    along: FloatArray = field(default_factory=lambda: np.zeros((0, 0)))
+
+    @property
+    def count(self) -> int:
+        """How many directions there are."""
+        return self.along.shape[1]
+
+    def beside(self, rows: NewRows, change: FoundChange) -> Moved:
+        """These, and what changed too."""
+        added = np.array([rows.problem.names.index(name) for name in change.names], dtype=np.intp)
+        along = block_diag(self.along, change.directions) if self.count else change.directions
+        return Moved(np.concatenate([self.at, added]), np.asarray(along))
+
+    def columns(self, rows: NewRows) -> FloatArray:
+        """(m, r) derivative of the rows."""
+        return np.asarray(rows.jacobian[:, self.at] @ self.along)
+
+
 def _change(certain: Sequence[Evidence], family: Family, rows: NewRows) -> FoundChange:
     """The best of some, and what explains nearly as much."""
     best, suspect = certain[0], suspect_of(certain[0])
     # By how much less than the best a suspect may explain that explains as much: chance of two
     # numbers.
     alike = [suspect_of(e).what for e in certain[1:] if e.gain > best.gain - float(chdtri(2, 0.01))]
+    values, vectors = np.linalg.eigh(best.covariance)
+    told = values > 1e-12 * values[-1]
     # A link holds its joint's zero.
     own_link = suspect.what.replace("joint ", "link ", 1)
     return FoundChange(
@@ -645,6 +686,7 @@ def _change(certain: Sequence[Evidence], family: Family, rows: NewRows) -> Found
         family.p_value(best.p_single),
         tuple(name for name in alike if name != own_link),
         suspect.names,
+        (vectors * np.sqrt(np.maximum(values, 0.0)))[:, told],
         _at_tip(suspect, best, rows),
     )
 

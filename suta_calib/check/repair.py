@@ -17,7 +17,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from scipy.linalg import solve_triangular
+from scipy.linalg import block_diag, solve_triangular
 
 from suta_calib.arrays import FloatArray
 from suta_calib.check.checking import Check, Checking
@@ -102,7 +102,13 @@ def repaired(checking: Checking, check: Check) -> Repair:
     kept = [k for k, name in enumerate(names) if name not in again]
     values, vectors = np.linalg.eigh(covariance[np.ix_(kept, kept)])
     factor = vectors * np.sqrt(np.maximum(values, 0.0))
-    fit = _Update(checking, tuple(names[k] for k in kept), factor, again, bad)
+    directions = np.zeros((len(again), 0))
+    for change in check.changed:
+        at = [again.index(name) for name in change.names]
+        mine = np.zeros((len(again), change.directions.shape[1]))
+        mine[at] = change.directions
+        directions = np.hstack([directions, mine])
+    fit = _Update(checking, tuple(names[k] for k in kept), factor, again, directions, bad)
     known, spread = fit.run()
     was = {**checking.start.values, **checking.checker.values}
     problem, x = _with_added(before, again, {n: v - was[n] for n, v in known.items()})
@@ -151,7 +157,8 @@ class _Update:
         checking: the rows, and what their errors are.
         kept: names of the estimates that did not change (k,).
         factor: (k, k) L.
-        again: names of what changed.
+        again: names of what changed (a,).
+        directions: (a, r) in which rows tell something of it.
         bad: samples that are left out.
     """
 
@@ -159,6 +166,7 @@ class _Update:
     kept: tuple[str, ...]
     factor: FloatArray
     again: tuple[str, ...]
+    directions: FloatArray
     bad: Sequence[int]
 
     @property
@@ -175,37 +183,35 @@ class _Update:
         seen = np.array([k for k, name in enumerate(self.kept) if name in index], dtype=np.intp)
         at_kept = np.array([index[self.kept[k]] for k in seen], dtype=np.intp)
         moved = np.array([*(index[n] for n in self.again), *checking.own], dtype=np.intp)
+        along = np.asarray(block_diag(self.directions, np.eye(len(checking.own))))
         kinds = checking.checker.errors.kinds
         noise = sum(k.weight * v for k, v in zip(kinds, checking.by_noise, strict=True))
         root = np.asarray(np.linalg.cholesky(np.asarray(noise)), dtype=float)
         start, z = rows.x.copy(), np.zeros(self.factor.shape[1])
         left_out = [rows.shared.of_sample(k) for k in self.bad]
         extra = np.hstack([np.zeros((len(rows.residual), 0)), *left_out])
-        nothing = np.zeros(len(moved) + extra.shape[1])
+        nothing = np.zeros(along.shape[1] + extra.shape[1])
         precision = np.concatenate([np.ones(len(z)), nothing])
         fit = LinearFit(np.zeros((0, 0)), np.zeros(0))
         # Steps that any repair takes: a change is found by the check already.
         for _ in range(8):
-            jacobian = [rows.jacobian[:, at_kept] @ self.factor[seen], rows.jacobian[:, moved]]
+            jacobian = [rows.jacobian[:, at_kept] @ self.factor[seen]]
+            jacobian.append(rows.jacobian[:, moved] @ along)
             both = np.hstack([*jacobian, extra, rows.residual[:, None]])
             white = solve_triangular(root, both, lower=True, check_finite=False)
             away = np.concatenate([z, nothing])
             fit = LinearFit(white[:, :-1], white[:, -1], precision, away)
             z = z + fit.step[: len(z)]
             at = rows.x.copy()
-            at[moved] += fit.step[len(z) : len(z) + len(moved)]
+            at[moved] += along @ fit.step[len(z) : len(z) + along.shape[1]]
             at[at_kept] = start[at_kept] + self.factor[seen] @ z
             rows = rows.moved_to(at)
             # Of a step, in whitened units, that changes nothing.
             if float(np.linalg.norm(fit.jacobian @ fit.step)) < 1e-4:
                 break
-        inverse = fit.inverse[: len(z) + len(moved), : len(z) + len(moved)]
-        mapped = np.block(
-            [
-                [self.factor, np.zeros((len(self.kept), len(moved)))],
-                [np.zeros((len(moved), len(z))), np.eye(len(moved))],
-            ]
-        )
+        told = len(z) + along.shape[1]
+        inverse = fit.inverse[:told, :told]
+        mapped = np.asarray(block_diag(self.factor, along))
         shift = self.factor @ z
         old = checking.checker.values
         known = {n: old[n] + float(d) for n, d in zip(self.kept, shift, strict=True)}
