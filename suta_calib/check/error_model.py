@@ -13,7 +13,8 @@ New rows then have, with their derivative J by what was estimated,
 
     Cov(r) = σ² (V_own + θ_1 V_posture + θ_2 D) + J C Jᵀ,   D = (I, -J G) V_near (I, -J G)ᵀ
 
-where C is the covariance of the estimates and G = A⁻¹ J_cᵀ by which they followed the calibrated
+where θ_2 is multiplied by the square of the factor by which validation rows widened C, C is the
+covariance of the estimates, and G = A⁻¹ J_cᵀ by which they followed the calibrated
 rows: of what a model lacks, the fit has taken a part, there and here alike.
 """
 
@@ -131,8 +132,10 @@ class LearnedErrors:
         searches = _Search.of(rows, errors, fit)
         followed = -scaled_inverse(fit.information + np.diag(fit.prior)) @ fit.jacobian.T
         share = numbers_of(terms) / numbers_of(solution.problem.terms)
+        # Of other postures the validation rows said how much more a model lacks there.
+        elsewhere = solution.widening**2
         return cls(
-            _kinds(searches),
+            tuple(replace(kind, near=kind.near * elsewhere) for kind in _kinds(searches)),
             levels,
             errors,
             searches[0].unit,

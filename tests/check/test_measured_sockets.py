@@ -1,4 +1,4 @@
-"""Rows that tell a part of a change move that part alone."""
+"""Checks of a measured arm: a ball in two sockets, at seven places that were not calibrated."""
 
 from __future__ import annotations
 
@@ -21,9 +21,22 @@ def job(repository: Path) -> CalibrationJob:
     return CalibrationJob.load(repository / "examples" / "panda_sockets" / "calibration.yaml")
 
 
+def test_what_the_model_lacks_elsewhere_is_no_change(job: CalibrationJob) -> None:
+    """The validation rows said that errors are twice those predicted at other places."""
+    result = job.run()
+    assert result.solution.widening > 1.5
+    checker, (rows,) = Checker(result.solution), job.validation
+    places = rows.poses.samples.labels["placement"]
+    for place in dict.fromkeys(places.tolist()):
+        mine = np.flatnonzero(places == place)
+        assert checker.check(rows.take(mine)).unchanged
+        for first in range(0, len(mine) - 9, 10):
+            assert checker.check(rows.take(mine[first : first + 10])).unchanged
+
+
 @pytest.fixture(scope="module")
 def checker(job: CalibrationJob) -> Checker:
-    """A measured arm, and a ball that was put into two sockets."""
+    """Without what validation rows say."""
     return Checker(solve(job.problem(), SolverOptions(starts=1)))
 
 
