@@ -404,7 +404,9 @@ class Checking:
         freed = solve_triangular(self.root, columns, lower=True, check_finite=False)
         return np.asarray(freed)
 
-    def fit(self, rows: NewRows, freed: Moved, extra: FloatArray) -> LinearFit:
+    def fit(
+        self, rows: NewRows, freed: Moved | None = None, extra: FloatArray | None = None
+    ) -> LinearFit:
         """The rows freed of their covariance.
 
         Args:
@@ -412,6 +414,8 @@ class Checking:
             freed: what changed, which follows beside what is the rows' own.
             extra: (m, j) what else they may have, such as a bad row.
         """
+        freed = Moved() if freed is None else freed
+        extra = np.zeros((len(rows.residual), 0)) if extra is None else extra
         both = [rows.jacobian[:, self.own], freed.columns(rows), extra, rows.residual[:, None]]
         white = self.white(np.hstack(both))
         more = np.zeros(freed.count + extra.shape[1])
@@ -498,10 +502,9 @@ class Checking:
 
     def _best_onset(self, onsets: IntArray, tried: int) -> tuple[int, float]:
         """Sample from which on some change explains most, and by Schwarz's criterion how much."""
-        nothing = Moved(), np.zeros((len(self.start.residual), 0))
         sample, log_choices = self.start.shared.sample[0], math.log(tried)
         suspects = suspects_of(self.start, self.checker.values)
-        fit, best = self.fit(self.start, *nothing), (0, -math.inf)
+        fit, best = self.fit(self.start), (0, -math.inf)
         for onset in onsets.tolist():
             later = (sample >= onset)[:, None]
             begun = [replace(s, columns=s.columns * later) for s in suspects]
@@ -657,7 +660,7 @@ class Moved:
     @property
     def count(self) -> int:
         """How many directions there are."""
-        return self.along.shape[1]
+        return int(self.along.shape[1])
 
     def beside(self, rows: NewRows, change: FoundChange) -> Moved:
         """These, and what changed too."""

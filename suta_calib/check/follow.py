@@ -203,11 +203,10 @@ class Follow(Displayable):
         suspects = suspects_of(rows, self.checker.values)
         weights, ratios = list[float](), list[list[float]]()
         kinds = self.checker.errors.kinds
-        nothing = np.zeros(0, dtype=np.intp), np.zeros((len(rows.residual), 0))
         for kind, noise in zip(kinds, checking.by_noise, strict=True):
             # The estimates' part in units of the same noise.
             alone = replace(checking, of_one_kind=noise + checking.by_estimates)
-            fit = alone.fit(rows, *nothing)
+            fit = alone.fit(rows)
             weights.append(math.log(kind.weight) + _log_likelihood(fit, alone.root, kind.freedom))
             columns = alone.effects(suspects)
             ratios.append(
@@ -236,9 +235,7 @@ class Follow(Displayable):
 
 def _squares(checking: Checking) -> tuple[float, int]:
     """Of rows freed of their covariance, and how many numbers they are."""
-    rows = checking.start
-    nothing = np.zeros(0, dtype=np.intp), np.zeros((len(rows.residual), 0))
-    fit = checking.fit(rows, *nothing)
+    fit = checking.fit(checking.start)
     return fit.squares, round(len(fit.residual) - fit.spent)
 
 

@@ -104,9 +104,8 @@ def repaired(checking: Checking, check: Check) -> Repair:
     factor = vectors * np.sqrt(np.maximum(values, 0.0))
     directions = np.zeros((len(again), 0))
     for change in check.changed:
-        at = [again.index(name) for name in change.names]
         mine = np.zeros((len(again), change.directions.shape[1]))
-        mine[at] = change.directions
+        mine[[again.index(name) for name in change.names]] = change.directions
         directions = np.hstack([directions, mine])
     fit = _Update(checking, tuple(names[k] for k in kept), factor, again, directions, bad)
     known, spread = fit.run()
