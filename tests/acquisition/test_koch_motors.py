@@ -82,20 +82,12 @@ def mapped(urdf: str | Path) -> MotorMap:
     return map_motors(servos.arm, [term], servos.device, MotorMapOptions(tip_std=0.05, starts=1))
 
 
-def test_the_motors_of_a_koch_are_found() -> None:
-    found = mapped(koch(1.9))
+@pytest.mark.parametrize("limit", [1.9, np.pi])
+def test_the_motors_of_a_koch_are_found(limit: float) -> None:
+    """Its public URDF lets each joint turn by half a turn to both sides: limits tell nothing."""
+    found = mapped(koch(limit))
     assert found.status == "found"
     assert found.best.motors.tolist() == [*ORDER]
-    assert found.best.signs.tolist() == [*SIGNS]
-
-
-def test_those_of_its_public_urdf_are_found(shared: Path) -> None:
-    """Its limits are half a turn to both sides: nothing is left to them."""
-    file = shared / "robots/koch_v1_1/follower.urdf"
-    if not file.is_file():
-        pytest.skip("no URDF of a Koch v1.1 beside the repository")
-    found = mapped(file)
-    assert found.status == "found"
     assert found.best.signs.tolist() == [*SIGNS]
 
 
