@@ -227,7 +227,7 @@ def _job(
         joints="\n".join(_wrapped(line, "#   ") for line in joints),
         grade=_wrapped(f"Its grade is {grade.name} ({grade.about}){guessed}.", "# "),
         parameters="\n".join(_parameters(arm, grade, pen=pen)),
-        rows="\n".join([*_explained(folders), *_camera_rows(cameras)]),
+        rows="\n".join([*_explained(folders), *_camera_rows(cameras, grade)]),
         held_out="\n".join(
             _row(*of, held_out) for of, (_, held_out) in folders.items() if held_out
         ),
@@ -257,7 +257,7 @@ def _of_camera(folder: Path, name: str, arm: AnyArm) -> Iterator[Template]:
     yield Template(folder / name / "samples.csv", f"{header}\n")
 
 
-def _camera_rows(cameras: Mapping[str, EyeSetup]) -> Iterator[str]:
+def _camera_rows(cameras: Mapping[str, EyeSetup], grade: ArmGrade) -> Iterator[str]:
     """A row for each camera."""
     for name, setup in cameras.items():
         board = "a board that lies still" if setup == EYE_IN_HAND else "a board in the hand"
@@ -274,6 +274,11 @@ def _camera_rows(cameras: Mapping[str, EyeSetup]) -> Iterator[str]:
     corners: {name}/corners.csv
     board: board.yaml
     samples: {name}/samples.csv"""
+        if grade.hand_error:
+            mm, deg = grade.hand_error
+            yield f"""\
+    # What the play of the joints leaves from picture to picture: standard deviations.
+    hand_error: {{mm: {mm:g}, deg: {deg:g}}}"""
 
 
 def _parameters(arm: AnyArm, grade: ArmGrade, *, pen: bool) -> Iterator[str]:

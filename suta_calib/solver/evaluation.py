@@ -235,7 +235,8 @@ class Linearised:
     """One block at one point, before whitening.
 
     Attributes:
-        residual: (n, d), of rows that state standard deviations relative to what they state.
+        measured: (n, d), of rows that state standard deviations relative to what they state.
+        residual: the same once `SampleErrors` are whitened; like the derivatives.
         pattern: where derivatives belong in the whole Jacobian.
         of_arm: the same of what moves each row's own pose, which moves by this velocity (6·poses,
             parameters): of rows with a lag others than those of the samples.
@@ -250,6 +251,7 @@ class Linearised:
     view: BlockView
     pattern: RowPattern
     of_arm: tuple[RowPattern, FloatArray]
+    measured: FloatArray
     residual: FloatArray
     by_pose: FloatArray
     by_own: FloatArray
@@ -261,7 +263,7 @@ class Linearised:
     @property
     def error(self) -> FloatArray:
         """The residual as it was measured, (n, d) in m or rad: whatever the rows state."""
-        return self.residual * self.view.block.relative
+        return self.measured * self.view.block.relative
 
 
 class Evaluation:
@@ -288,7 +290,7 @@ class Evaluation:
         self.arm_count, self.own_count = len(arm_names), own_count
         width = len(self.table.velocity)
         self._at: tuple[int, bytes] | None = None
-        self._found: list[tuple[FloatArray, FloatArray, FloatArray]] = []
+        self._found: list[tuple[FloatArray, FloatArray, FloatArray, FloatArray]] = []
         self._kernels = [
             Kernel(v.block, v.first_sample, v.own_columns, width, own_count, clocks=v.clocks)
             for v in views
@@ -319,25 +321,27 @@ class Evaluation:
         here = self.table.changes, own_values.tobytes()
         if here != self._at:
             self._found = [
-                kernel(table.rotation, table.position, own_values, table.rate)
-                for kernel, table in zip(self._kernels, self._tables, strict=True)
+                _whitened(
+                    view.block, kernel(table.rotation, table.position, own_values, table.rate)
+                )
+                for view, kernel, table in zip(self.views, self._kernels, self._tables, strict=True)
             ]
             if self._at is None:
                 # What is known of the noise stays, so that the cost is one function.
                 every = zip(self._kernels, self._tables, self._found, strict=True)
-                for kernel, table, (_, by_pose, _) in every:
+                for kernel, table, (*_, by_pose, _) in every:
                     kernel.add_uncertainty(by_pose, table.uncertainty)
             self._at = here
         lines = []
         blocks = zip(self.views, self._kernels, self._tables, sigmas, self._found, strict=True)
-        for view, kernel, table, sigma, (residual, by_pose, by_own) in blocks:
+        for view, kernel, table, sigma, (measured, residual, by_pose, by_own) in blocks:
             spread = kernel.spread(sigma)
             squared = np.einsum("nd,nd->n", residual, residual) / spread**2
             weight = huber_weight(squared, view.threshold / spread)
             lines.append(
                 Linearised(
                     *(view, kernel.pattern, (kernel.of_arm, table.velocity)),
-                    *(residual, by_pose, by_own),
+                    *(measured, residual, by_pose, by_own),
                     *(spread, kernel.known_sigma, squared, weight),
                 )
             )
@@ -473,6 +477,16 @@ class Evaluation:
         # ρ(s) with ρ's derivative w, which is known: s within the threshold, where w is one.
         with np.errstate(invalid="ignore"):  # Of what is infinitely far off, w is zero.
             return 0.5 * float(line.squared @ (line.weight * (2.0 - line.weight)))
+
+
+def _whitened(
+    block: Block, found: tuple[FloatArray, FloatArray, FloatArray]
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    """A block's residuals as measured; and these and their derivatives, shared errors whitened."""
+    if block.sample_errors is None:
+        return found[0], *found
+    residual, by_pose, by_own = map(block.sample_errors.whitened, found)
+    return found[0], residual, by_pose, by_own
 
 
 def _corrected(line: Linearised, root: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:

@@ -219,7 +219,7 @@ def _block_cost(
 ) -> Symbol:
     block = view.block
     n, k = block.samples.shape
-    row = _row_cost(view, k)
+    row = _row_residual(view, k)
     arguments = []
     for which in range(k):
         of_row = block.samples[:, which] + view.first_sample
@@ -230,22 +230,25 @@ def _block_cost(
     own_rows = ca.reshape(own_symbols[columns], m, n) if m else ca.MX(0, n)
     threshold = np.minimum(view.threshold / spread, 1e150)
     data = [ca.DM(block.data.T) if block.data.shape[1] else ca.DM(0, n)]
-    return ca.sum2(
-        row.map(n)(*arguments, own_rows, *data, ca.DM(1 / spread**2).T, ca.DM(threshold).T)
-    )
+    residual = row.map(n)(*arguments, own_rows, *data)
+    if block.sample_errors is not None:
+        basis, flat = ca.DM(block.sample_errors.basis.tocsc()), ca.vec(residual)
+        along = ca.DM(block.sample_errors.excess) * ca.mtimes(basis.T, flat)
+        residual = ca.reshape(flat - ca.mtimes(basis, along), block.size, n)
+    squared = ca.sum1(residual**2) * ca.DM(1 / spread**2).T
+    if np.isinf(view.threshold):
+        return ca.sum2(squared)
+    return ca.sum2(symbolic_huber(squared, ca.DM(threshold).T))
 
 
-def _row_cost(view: BlockView, poses: int) -> Symbol:
+def _row_residual(view: BlockView, poses: int) -> Symbol:
     block = view.block
     rotations = [ca.SX.sym(f"R{i}", 9) for i in range(poses)]
     positions = [ca.SX.sym(f"p{i}", 3) for i in range(poses)]
     own_symbol = ca.SX.sym("own", block.own_columns.shape[1])
     data = ca.SX.sym("data", block.data.shape[1])
-    precision, threshold = ca.SX.sym("precision"), ca.SX.sym("threshold")
     pairs = list(zip(rotations, positions, strict=True))
     tools = [Pose(ca.reshape(R, 3, 3), p) for R, p in pairs]
     r = residual_value(block.residual, tools, own_symbol, data, block.size)
-    squared = ca.dot(r, r) * precision
-    robust = squared if np.isinf(view.threshold) else symbolic_huber(squared, threshold)
     inputs = [s for pair in pairs for s in pair]
-    return ca.Function("row_cost", [*inputs, own_symbol, data, precision, threshold], [robust])
+    return ca.Function("row", [*inputs, own_symbol, data], [r])

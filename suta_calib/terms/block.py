@@ -18,6 +18,7 @@ from suta_calib.display import Displayable
 from suta_calib.errors import ParameterError
 from suta_calib.geometry.symbols import Symbol, symbolic_rotation
 from suta_calib.measurements import Artefact
+from suta_calib.terms.sample_errors import SampleErrors
 from suta_calib.units import Unit
 
 
@@ -126,6 +127,8 @@ class Block(Displayable):
         typical: what rows of the whole set typically state, m or rad; one where they state none.
         assumed: standard deviation of a component where `noise` says none, m or rad; None for that
             of any block of its unit.
+        sample_errors: what the rows of a sample err by together, beside their own errors; only of
+            rows that look at one sample each, without a lag, and at the same own parameters.
     """
 
     name: str
@@ -144,6 +147,7 @@ class Block(Displayable):
     typical: float = 1.0
     lag: FloatArray | None = None
     assumed: float | None = None
+    sample_errors: SampleErrors | None = None
 
     @classmethod
     def per_sample(

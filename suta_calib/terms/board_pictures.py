@@ -21,7 +21,8 @@ import numpy as np
 from suta_calib.arrays import BoolArray, FloatArray
 from suta_calib.assessment import Level
 from suta_calib.errors import SutaCalibWarning
-from suta_calib.geometry.numbers import quaternion_from_rotation, vector_from_rotation
+from suta_calib.geometry.lens_slopes import pixel_slopes
+from suta_calib.geometry.numbers import quaternion_from_rotation, skew, vector_from_rotation
 from suta_calib.measurements import Board, Camera, Markers
 from suta_calib.measurements.board import CORNERS
 from suta_calib.measurements.marker_axes import counter_clockwise
@@ -202,6 +203,36 @@ class BoardPictures:
         squared = np.sum(self.errors**2, axis=2)
         count = np.isfinite(squared).sum(axis=1)
         return np.asarray(np.sqrt(np.nansum(squared, axis=1) / np.where(count > 0, count, np.nan)))
+
+    @property
+    def scatter(self) -> float:
+        """Standard deviation of a corner about its picture's own pose of the board, px.
+
+        Of one coordinate, of the middle one of the pictures; at least a thousandth.
+        """
+        count = np.isfinite(self.errors).all(axis=2).sum(axis=1)
+        # Six numbers of each picture are its pose.
+        freedom = np.maximum(2.0 * count - 6.0, 1.0)
+        level = np.sqrt(np.nansum(self.errors**2, axis=(1, 2)) / freedom)[count > 0]
+        return max(float(np.median(level)), 1e-3) if len(level) else 1.0
+
+    def by_motion(self, about: FloatArray | float) -> FloatArray:
+        """(n, points, 2, 6) how corners move, px, with the board before the camera, m and rad.
+
+        It is shifted along the camera's axes, and turned about a point (3,) of the board, or about
+        the camera's origin for 0. Zero in pictures that tell no pose of the board.
+        """
+        rotation, position = self.poses
+        points = np.einsum("nij,kj->nki", rotation, self.points) + position[:, None]
+        ahead = self.camera.lens.ahead(points).all(axis=1)
+        points[~ahead] = [0.0, 0.0, 1.0]
+        by_place, _ = pixel_slopes(self.camera.lens, points, self.camera.intrinsics)
+        arm = points
+        if not isinstance(about, float):
+            arm = np.einsum("nij,kj->nki", rotation, self.points - about)
+        moved = np.concatenate([by_place, -by_place @ skew(arm)], axis=-1)
+        moved[~ahead] = 0.0
+        return np.asarray(moved)
 
     @cached_property
     def misfit(self) -> float:

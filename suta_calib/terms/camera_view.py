@@ -15,6 +15,7 @@ from suta_calib.arrays import FloatArray, IntArray
 from suta_calib.assessment import Level
 from suta_calib.errors import SamplesError, SutaCalibWarning
 from suta_calib.geometry.lens import CENTRE, FOCAL, Lens
+from suta_calib.geometry.numbers import vector_from_rotation
 from suta_calib.measurements import (
     Board,
     Camera,
@@ -26,7 +27,7 @@ from suta_calib.measurements import (
     corners_of,
     read_corners,
 )
-from suta_calib.measurements.fields import Fields
+from suta_calib.measurements.fields import Field, Fields, mapping
 from suta_calib.measurements.marker_axes import markers_as_seen
 from suta_calib.model.parameters import Parameter
 from suta_calib.terms.block import LEARNT, Block, Noise
@@ -61,10 +62,17 @@ from suta_calib.terms.misread_pictures import check_files, doubts, otherwise_rea
 from suta_calib.terms.observed import Observed, Resimulation
 from suta_calib.terms.poses import ArmPoses, PoseSource
 from suta_calib.terms.reprojection import reprojection
+from suta_calib.terms.sample_errors import HandError, SampleErrors
 from suta_calib.terms.setup import Setup
 from suta_calib.terms.surveyed_markers import SurveyedMarkers
 from suta_calib.terms.term import Term
 
+HAND_ERROR: Final = Field(
+    "hand_error",
+    mapping(HandError),
+    "How far the hand is from where the joints say, anew in every picture, as play leaves it: all "
+    "corners of a picture move together.",
+)
 # What a kind that nobody has set up looks at, and with what: a board and a camera as they are.
 _BOARD: Final = Chessboard(7, 5, 0.03)
 _CAMERA: Final = Camera(1280, 960, np.array([1000.0, 1000.0, 639.5, 479.5, 0, 0, 0, 0, 0]))
@@ -92,6 +100,8 @@ class CameraView(BoardEyeTerm):
         prior: of the intrinsics (n,), standard deviations.
         lens_choice: how the model of the lens was chosen, where no file says it.
         from_file: whether a file has the camera; otherwise it is found from the pictures.
+        hand_error: how far the hand is from where the joints say, anew in every picture; None where
+            that is less than what corners scatter.
         line_delay: how long a row of the picture takes, of a camera with a rolling shutter; None
             where all rows are of one moment.
 
@@ -109,8 +119,8 @@ class CameraView(BoardEyeTerm):
     columns = SampleColumns(
         labels=("image",), pixels=True, about={"image": "The picture that was taken there."}
     )
-    keys = (*CAMERA_KEYS, LINE_DELAY)
-    measured_keys = (*("corners", "intrinsics", "target", "sigma_px", "huber_px"),)
+    keys = (*CAMERA_KEYS, HAND_ERROR, LINE_DELAY)
+    measured_keys = (*("corners", "intrinsics", "target", "sigma_px", "huber_px", HAND_ERROR.name),)
     unit = "px"
     files: ClassVar[Mapping[str, str]] = CAMERA_FILES
     groupings: ClassVar[Mapping[str, tuple[str, ...]]] = {"image": ("image",)}
@@ -123,6 +133,7 @@ class CameraView(BoardEyeTerm):
     noise: Noise = LEARNT
     prior: FloatArray | None = None
     line_delay: LineDelay | None = None
+    hand_error: HandError | None = None
     lens_choice: LensChoice | None = None
     from_file: bool = True
 
@@ -232,13 +243,13 @@ class CameraView(BoardEyeTerm):
     @classmethod
     def read_settings(cls, row: YamlSection) -> dict[str, Any]:
         """Board, camera, where it is, and the noise in pixels; the corners' file as it is named."""
-        return read_camera_row(row) | Fields(LINE_DELAY).values(row)
+        return read_camera_row(row) | Fields(HAND_ERROR, LINE_DELAY).values(row)
 
     @property
     def settings(self) -> Mapping[str, Any]:
         """Board, camera and where it is."""
         names = ("board", "camera", "setup", "free", "pixel", "target", "prior")
-        more = ("line_delay", "lens_choice", "from_file")
+        more = ("line_delay", "hand_error", "lens_choice", "from_file")
         return {name: getattr(self, name) for name in (*names, *more)}
 
     @property
@@ -445,7 +456,26 @@ class CameraView(BoardEyeTerm):
             "reprojection", "m", 2, residual, own_columns, np.hstack(data), self.noise, labels
         )
         lag = None if len(self.of_clock) < 2 else self.pixels[sample, point, 1]
-        return (replace(block, samples=sample[:, None], pixel=self.pixel, lag=lag),)
+        errors = None
+        if self.hand_error is not None and lag is None and markers is None:
+            errors = SampleErrors.of(self._by_hand_error(sample, point), sample)
+        block = replace(block, samples=sample[:, None], sample_errors=errors)
+        return (replace(block, pixel=self.pixel, lag=lag),)
+
+    def _by_hand_error(self, sample: IntArray, point: IntArray) -> FloatArray:
+        """(n, 2, 6) how far a hand off by `hand_error` moves corners, in units of their scatter."""
+        assert self.hand_error is not None
+        sizes = np.repeat([self.hand_error.shift, self.hand_error.turn], 3)
+        return np.asarray(self._by_hand[sample, point] * sizes / self.pictures.scatter)
+
+    @property
+    def _by_hand(self) -> FloatArray:
+        """(n, points, 2, 6) how corners move with the hand, px per m and rad.
+
+        It turns about the camera on it, or about the middle of the board in it.
+        """
+        middle = self.pictures.points.mean(axis=0)
+        return self.pictures.by_motion(0.0 if self.setup == EYE_IN_HAND else middle)
 
     @property
     def _names(self) -> Sequence[str]:
@@ -500,12 +530,18 @@ class CameraView(BoardEyeTerm):
     ) -> Self:
         """The same corners of the same pictures, or those that are in sight where none were."""
         ideal = self.observed(values, self.poses)
-        assert ideal.pixels is not None
-        measured = self.poses.samples.pixels
+        pixels, measured = ideal.pixels, self.poses.samples.pixels
+        assert pixels is not None
         if measured is not None:
             everywhere = self._rolled(values, self.poses, lambda sight: sight.everywhere)
             pixels = np.where(np.isfinite(measured), everywhere, np.nan)
-            ideal = replace(ideal, pixels=pixels)
+        if self.hand_error is not None:
+            # Of a small standard deviation, vectors of turns are of that of each component.
+            straight, sizes = np.tile(np.eye(3), (len(self.poses), 1, 1)), self.hand_error
+            off = [again.turned(straight, size) for size in (sizes.shift, sizes.turn)]
+            moved = self._by_hand @ np.hstack([*map(vector_from_rotation, off)])[:, None, :, None]
+            pixels = pixels + moved[..., 0]
+        ideal = replace(ideal, pixels=pixels)
         sigma = {"pixels": noise[0] / self.pixel}
         return self.over_poses(again.observed(self.poses, ideal, sigma, self.blocks[0].relative))
 

@@ -186,7 +186,8 @@ def held_out_errors(solution: Solution, accuracy: Accuracy) -> tuple[HeldOutErro
     arm_values = {name: solution.values[name] for name in arm}
     anew = fit_own(validation, arm, arm_values)
     moved = np.array([anew[name] for name in held_out.names])
-    levels = iter([robust_level(r.error) for r in held_out.linearise(moved, sigmas)])
+    lines = held_out.linearise(moved, sigmas)
+    levels = iter([robust_level(r.residual * r.view.block.relative) for r in lines])
     answer = []
     for errors in accuracy.validation:
         term = errors.term
@@ -202,7 +203,7 @@ def held_out_errors(solution: Solution, accuracy: Accuracy) -> tuple[HeldOutErro
                     term,
                     block.name,
                     block.unit,
-                    block.residual_after,
+                    _whitened(of, block.residual_after),
                     deviation,
                     by_parameters,
                     fitted.get(sort_of(term, of), math.nan) * scatter_unit(of),
@@ -212,6 +213,11 @@ def held_out_errors(solution: Solution, accuracy: Accuracy) -> tuple[HeldOutErro
                 )
             )
     return tuple(answer)
+
+
+def _whitened(block: Block, residual: FloatArray) -> FloatArray:
+    """Residuals (n, d) of a block without what the rows of a sample share."""
+    return residual if block.sample_errors is None else block.sample_errors.whitened(residual)
 
 
 def _reaches(solution: Solution, terms: Sequence[Term]) -> Iterator[tuple[Term, Block, FloatArray]]:
@@ -233,7 +239,7 @@ def _reaches(solution: Solution, terms: Sequence[Term]) -> Iterator[tuple[Term, 
 
 def sort_of(term: Term, block: Block) -> tuple[str, str, bool]:
     """What blocks must have in common to scatter alike: rows that state how they do, or do not."""
-    return term.kind, block.name, block.relative.size > 1
+    return term.kind, block.name, block.relative.size > 1 or block.sample_errors is not None
 
 
 def scatter_unit(block: Block) -> float:

@@ -39,9 +39,9 @@ PLACES = {"table": TABLE, "slope": SLOPE, "aside": ((190.0, -10.0, 25.0), (-8.0,
 CAMERA = Camera(1280, 720, np.array([800.0, 800, 639.5, 359.5, 0.05, -0.1, 0, 0, 0]))
 BOARD = Chessboard(8, 5, 0.015)
 CAMERAS = {"wrist": EYE_IN_HAND, "front": EYE_TO_HAND}
-# Postures about which each camera takes its pictures, and how far from them, deg.
+# Postures about which each camera takes its pictures, and how far from them at most, deg.
 SEEN_AT = {"wrist": (0.0, -30.0, 40.0, 55.0, 0.0), "front": (10.0, -20.0, 10.0, 0.0, 0.0)}
-AROUND = (30.0, 20.0, 20.0, 25.0, 50.0)
+AROUND = (50.0, 30.0, 30.0, 40.0, 90.0)
 
 
 def pose(position_mm: Sequence[float], rpy_deg: Sequence[float]) -> FloatArray:
@@ -76,16 +76,20 @@ class ServoDesk:
     stretch: FloatArray
 
     @classmethod
-    def made(cls, folder: Path, seed: int, *, pictures: int = 25, **servos: Any) -> ServoDesk:
-        """A job as ``init --pen --camera`` begins it, measured; of no pictures no camera."""
+    def made(
+        cls, folder: Path, seed: int, *, pictures: int = 60, lens: bool = False, **servos: Any
+    ) -> ServoDesk:
+        """A job as ``init --pen --camera`` begins it, measured; of no pictures no camera.
+
+        The lenses are known, or found from the pictures.
+        """
         folder.mkdir(parents=True)
         arm = ServoArm.made(arm_with_pen(folder), seed, **servos)
         desk = cls(arm, folder / "calibration.yaml", 2.5e-3 * arm.random.standard_normal(2))
         cameras = CAMERAS if pictures else {}
         write_job(new_job(arm.arm, folder, pen=True, cameras=cameras))
         write_artefact(folder / "artefact.yaml", sheet(ruler=2.5e-3))
-        write_camera(folder / "camera.yaml", CAMERA)
-        desk._complete_job()
+        desk._complete_job(lens=lens)
         for place in PLACES:
             desk.touch(place)
         for name in cameras:
@@ -109,8 +113,8 @@ class ServoDesk:
         q = self.servos.touching(at, TOUCHING)
         self._write(file, ("placement", "repeat", "landmark"), labels, q)
 
-    def _complete_job(self) -> None:
-        """The pose of the sheet by a ruler; lenses that are known."""
+    def _complete_job(self, *, lens: bool) -> None:
+        """The pose of the sheet by a ruler; the file of both lenses, if they are known."""
         position, rpy = np.array(TABLE)
         ruler = position + self.servos.random.standard_normal(3)
         turned = rpy + 0.5 * self.servos.random.standard_normal(3)
@@ -122,8 +126,10 @@ class ServoDesk:
             f"{turned.tolist()}, prior_mm: 1, prior_deg: 0.5}}\n"
         )
         text = text.replace(begun, stated).replace("starts: 8", "starts: 2")
-        lens = "board: board.yaml\n    camera: camera.yaml"
-        self.job.write_text(text.replace("board: board.yaml", lens))
+        if lens:
+            write_camera(self.job.parent / "camera.yaml", CAMERA)
+            text = text.replace("board: board.yaml", "board: board.yaml\n    camera: camera.yaml")
+        self.job.write_text(text)
 
     def _write(
         self, file: Path, names: Sequence[str], labels: Sequence[Sequence[str]], q: FloatArray

@@ -30,6 +30,7 @@ from suta_calib.model.parameters import ParameterSet, Selection
 from suta_calib.simulation.inverse_kinematics import InverseKinematics, Targets
 from suta_calib.terms import KINDS, ArmPoses, GivenPose, Noise, Setup, Term
 from suta_calib.terms.external_frame import pose_parameters, pose_values
+from suta_calib.terms.sample_errors import HandError
 
 SUTA_URDF = Path(__file__).resolve().parents[2] / "urdf" / "suta.urdf"
 ROBOTS = Path(sysconfig.get_paths()["purelib"]) / "cmeel.prefix/share/example-robot-data/robots"
@@ -444,13 +445,18 @@ def hand_eye_scene(arm: ArmModel, truth: dict[str, float], n: int = 25) -> Scene
 
 
 def camera_scene(
-    arm: ArmModel, truth: dict[str, float], n: int = 20, *, setup: str = "eye-in-hand"
+    arm: ArmModel,
+    truth: dict[str, float],
+    n: int = 20,
+    *,
+    setup: str = "eye-in-hand",
+    hand_error: HandError | None = None,
 ) -> Scene:
     """A camera on the tip sees a small board, or one beside the arm a board on the tip."""
     board = Chessboard(4, 3, 0.04)
     lens = np.array([1000.0, 1005, 639.5, 479.5, -0.1, 0.02, 5e-4, -3e-4, 0.0])
     settings = {"board": board, "camera": Camera(1280, 960, lens), "setup": setup}
-    settings["pixel"] = 5e-4
+    settings |= {"pixel": 5e-4, "hand_error": hand_error}
     # At the first posture the board is half a metre ahead of the camera, its face to it.
     q = random_readings(arm, np.random.default_rng(9), 100 * n)
     (turn,), (place,) = arm.forward(q[:1], truth)

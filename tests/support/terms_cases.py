@@ -37,6 +37,7 @@ from suta_calib.model.arm import ArmModel
 from suta_calib.solver.losses import huber_threshold
 from suta_calib.solver.problem import Problem
 from suta_calib.terms import KINDS, GivenPose, Noise, Term
+from suta_calib.terms.sample_errors import HandError
 
 GAUGE = {"joint_1.offset", "joint_2.z"}
 SIGMA = Spread(position=1e-4, rotation=1e-3)
@@ -128,6 +129,11 @@ CASES = {
     "camera_view beside": case(
         "camera_view",
         lambda arm, truth: camera_scene(arm, truth, setup="eye-to-hand"),
+        *("joint_6.offset", "tip.y", "tip.z"),
+    ),
+    "camera_view of a hand with play": case(
+        "camera_view",
+        lambda arm, truth: camera_scene(arm, truth, hand_error=HandError(2e-4, 5e-4)),
         *("joint_6.offset", "tip.y", "tip.z"),
     ),
     "points": case("points", points_scene, "joint_6.offset", "tip.y", "tip.z"),

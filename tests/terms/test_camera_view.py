@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 from camera_job import CAMERA, JOB, SIMULATION
-from cli_job import answer, cli
+from cli_job import answer, cli, refused
 from simulated import arm_named, camera_scene, dh_parameters, perturbed
 
 from suta_calib.emulation import read_truth
@@ -104,6 +104,21 @@ def test_a_reading_that_never_came_is_believed_less_than_all_others(folder: Path
     # A fifth of all pictures outweighs the others; why is said.
     said = found(3, 1)["verdict"]
     assert "3 rows of camera view" in " ".join(said["notes"])
+
+
+@pytest.mark.parametrize(
+    ("given", "says"),
+    [
+        ("{mm: 0.5}", "deg"),
+        ("{mm: 0, deg: 0.1}", "hand_error.mm"),
+        ("{mm: 0.5, deg: much}", "hand_error.deg"),
+        ("0.5", "hand_error"),
+    ],
+)
+def test_what_play_leaves_is_two_positive_numbers(folder: Path, given: str, says: str) -> None:
+    job = folder / "play.yaml"
+    job.write_text(JOB.replace("huber_px: 1", f"huber_px: 1, hand_error: {given}"))
+    assert says in refused("calibrate", job)
 
 
 def test_the_camera_is_corrected_too(folder: Path) -> None:
