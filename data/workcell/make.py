@@ -12,6 +12,7 @@ from suta_calib.geometry import projected, quaternion_from_rotation
 from suta_calib.measurements import (
     Camera,
     Chessboard,
+    LengthScale,
     Samples,
     write_board,
     write_camera,
@@ -31,7 +32,7 @@ ARM = {
     **{"joint_5.offset": -0.0057, "joint_3.z": 0.4009, "joint_5.z": 0.1494},
 }
 CAMERA = Camera(640, 480, np.array([612.4, 612.9, 324.8, 236.1, -0.112, 0.087, 0.0006, -0.0004, 0]))
-BOARD = Chessboard(9, 6, 0.025)
+BOARD = Chessboard(9, 6, 0.025, scale=LengthScale(1e-4))
 ENCODER = 2e-5  # rad
 # Standard deviations of a calibration of the camera on another day, of which camera.yaml is one.
 KNOWN = np.array([0.5, 0.5, 0.8, 0.7, 0.003, 0.02, 0.0003, 0.0003, 0.0])

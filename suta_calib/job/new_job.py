@@ -57,11 +57,12 @@ _CROSSES: Final = {
 }
 _BOARD: Final = """\
 # Inner corners: columns, rows. Other types: charuco, markers. board.svg is this board, to print:
-# measure it, and correct square_mm.
+# measure it over nine squares, correct square_mm, and uncomment scale_ppm (0.2 mm over 135 mm).
 type: chessboard
 corners: [8, 5]
 square_mm: 15
 grade: printed
+# scale_ppm: 1500
 """
 _SHEET: Final = f"""\
 # The crosses of a printed sheet; the numbers below are an example: write yours.

@@ -24,6 +24,14 @@ from suta_calib.words import listed
 
 # What it is called where a length that a job holds is all that has a unit.
 HELD: Final = "held length"
+# What is to be done with something printed.
+MEASURE: Final = {
+    "artefact": "Measure the artefact along x and along y with a steel ruler, and write both into "
+    "its file (measured_mm: [x, y], between the outer landmarks).",
+    "board": "Measure the board with a steel ruler over as many squares as it has, and write into "
+    "its file the length of one (square_mm) and how well you measured (scale_ppm: 1000 for 0.2 mm "
+    "over 200 mm).",
+}
 
 
 @dataclass(frozen=True)
@@ -49,17 +57,15 @@ class ScaleEffect:
 
     @property
     def guessed(self) -> bool:
-        """Whether it rests on a printed artefact that nobody measured."""
-        printed = self.what == "artefact" and self.scale.grade == "printed"
+        """Whether it rests on a printed artefact or board that nobody measured."""
+        printed = self.what in MEASURE and self.scale.grade == "printed"
         return printed and not self.scale.measured
 
     def unseen_in(self, errors: float) -> str:
         """What held-out errors of this size, m, do not show of it, and the remedy."""
         return (
             f"{self.sentence} The validation error ({text(errors, 'm', with_unit=True)}) does not "
-            f"show it, because it was measured with the same {self.what}. Measure the "
-            f"{self.what} along x and along y with a steel ruler, and write both into its file "
-            "(measured_mm: [x, y], between the outer landmarks)."
+            f"show it, because it was measured with the same {self.what}. {MEASURE[self.what]}"
         )
 
     @property

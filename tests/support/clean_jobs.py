@@ -24,10 +24,11 @@ from suta_calib import (
 )
 from suta_calib.assessment import Assessment
 from suta_calib.geometry.numbers import rotation_from_vector
+from suta_calib.measurements import LengthScale
 from suta_calib.model.parameters import ParameterSet
 from suta_calib.model.robot import AnyArm
 from suta_calib.registry import shipped
-from suta_calib.terms import KINDS, ArmPoses
+from suta_calib.terms import KINDS, ArmPoses, CameraView
 from suta_calib.trust.assessment import assess_calibration
 from suta_calib.trust.calibration_examination import CalibrationExamination
 from suta_calib.trust.rich_data import RichData, Sort
@@ -58,6 +59,9 @@ def measured(arm: ArmModel, unknown: ParameterSet, sort: Sort, seed: int) -> tup
     truth = perturbed(unknown, seed, 1e-3, 3e-3)
     problem = Problem([tracked_scene(arm, truth).exact()], unknown)
     exact, _ = RichData(problem, problem.start(truth)).observations(sort, "data")
+    if isinstance(exact, CameraView):
+        # Its owner measured it.
+        exact = replace(exact, board=replace(exact.board, scale=LengthScale(1e-4)))
     return shaken(exact, random)
 
 

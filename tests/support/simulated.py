@@ -453,7 +453,7 @@ def camera_scene(
     hand_error: HandError | None = None,
 ) -> Scene:
     """A camera on the tip sees a small board, or one beside the arm a board on the tip."""
-    board = Chessboard(4, 3, 0.04)
+    board = Chessboard(4, 3, 0.04, scale=LengthScale(1e-3))
     lens = np.array([1000.0, 1005, 639.5, 479.5, -0.1, 0.02, 5e-4, -3e-4, 0.0])
     settings = {"board": board, "camera": Camera(1280, 960, lens), "setup": setup}
     settings |= {"pixel": 5e-4, "hand_error": hand_error}
@@ -501,7 +501,7 @@ def points_scene(
     """A depth camera on the tip sees balls or a board, or one beside the arm those on the tip."""
     settings: dict[str, Any] = {"setup": setup, "depth_noise": DepthNoise((4e-5, 8e-5), 6e-5)}
     if board:
-        settings["board"] = Chessboard(4, 3, 0.04)
+        settings["board"] = Chessboard(4, 3, 0.04, scale=LengthScale(1e-3))
     q = random_readings(arm, np.random.default_rng(9), 100 * n)
     (turn,), (place,) = arm.forward(q[:1], truth)
     held = rotation_from_vector([0.1, 0.2, -1.5]), np.array([0.02, -0.05, 0.08])

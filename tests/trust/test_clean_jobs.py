@@ -2,11 +2,20 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from typing import Any
+
 import pytest
-from clean_jobs import SORTS, as_init_frees, judged, with_priors
+from clean_jobs import SORTS, as_init_frees, judged, measured, with_priors
 from simulated import arm_named
 
+from suta_calib import Problem, SolverOptions, solve
 from suta_calib.assessment import Assessment
+from suta_calib.measurements import Chessboard
+from suta_calib.terms import KINDS
+from suta_calib.trust.assessment import assess_calibration
+from suta_calib.trust.calibration_examination import CalibrationExamination
+from suta_calib.trust.rich_data import Sort
 
 
 def knows_lengths(kind: str) -> bool:
@@ -42,6 +51,19 @@ def test_what_init_frees_is_good(kind: str, oriented: bool) -> None:
         assert found.level == "care"
     else:
         assert is_good(found, kind)
+
+
+def test_a_board_that_nobody_measured_is_a_reason_for_care() -> None:
+    """Half a percent of it is far more at the tip than the validation errors show."""
+    arm = arm_named("suta")
+    unknown = with_priors(arm)
+    pair = measured(arm, unknown, Sort(KINDS["camera_view"], False), seed=1)
+    boards: list[Any] = [replace(term, board=Chessboard(7, 5, 0.03)) for term in pair]
+    solution = solve(Problem(boards[:1], unknown), SolverOptions(confirm=False))
+    found = assess_calibration(CalibrationExamination.of(solution, boards[1:]))
+    assert found.level == "care"
+    (note,) = [note for note in found.notes if "carries the scale" in note]
+    assert "Measure the board with a steel ruler over as many squares as it has" in note
 
 
 @pytest.mark.parametrize(("kind", "oriented"), SORTS)
