@@ -248,4 +248,5 @@ def _change(
     place = (suspect.term, suspect.first, suspect.end) if suspect.at_once else None
     covariance = left.noise * suspect.design * left.inverse[more, more]
     rows = rows_of(fit.problem, place)
-    return hypothesis.change(suspect.motion, left.step[more], covariance, rows, p)
+    what = hypothesis.subject(fit.problem, place)
+    return hypothesis.change(suspect.motion, left.step[more], covariance, rows, p, what=what)

@@ -73,6 +73,7 @@ class ChangeInTime:
         instead: sentences of what explains these data as well.
         share: of the squared residuals that it explains.
         turn, turn_std: what was moved or crept was turned by that, rad; NaN where it was not.
+        what: a camera or a body that these rows alone look at, by its label; or empty.
     """
 
     hypothesis: InTime
@@ -86,6 +87,7 @@ class ChangeInTime:
     share: float = 0.0
     turn: float = math.nan
     turn_std: float = math.nan
+    what: str = ""
 
     @property
     def kind(self) -> str:
@@ -136,6 +138,11 @@ class InTime(AddedVariable):
     def statement(self, change: ChangeInTime) -> str:
         """What it is, and what to look at."""
 
+    def subject(self, problem: Problem, place: tuple[int, int, int] | None) -> str:
+        """What rows at one of the `stretches` alone look at, by its label; empty for no such."""
+        del problem, place
+        return ""
+
     def effects(self, answer: Examination) -> Iterator[Effect]:
         """One for each motion; none where rows look at several samples, such as distances."""
         if all(block.samples.shape[1] == 1 for block in answer.problem.blocks):
@@ -162,8 +169,9 @@ class InTime(AddedVariable):
         rows: tuple[str, str],
         p: float,
         share: float = 0.0,
+        what: str = "",
     ) -> ChangeInTime:
-        """The change of such a size (k,), from and until two rows."""
+        """The change of such a size (k,), from and until two rows, of some `subject`."""
         (amount, std), turn = length_of(size[:3], covariance[:3, :3]), (math.nan, math.nan)
         if len(size) == 1:
             amount = float(size[0])
@@ -171,7 +179,8 @@ class InTime(AddedVariable):
             turn = length_of(size[3:], covariance[3:, 3:])
             turn = turn if turn[0] >= SAID_FROM * turn[1] else (math.nan, math.nan)
         since, until = rows
-        return ChangeInTime(self, motion.joint, since, amount, std, p, until, (), share, *turn)
+        of_rows = since, amount, std, p, until, (), share
+        return ChangeInTime(self, motion.joint, *of_rows, *turn, what)
 
     def sentence(self, evidence: Evidence) -> str:
         """What it is, its size with ±, and what to look at."""
@@ -179,7 +188,7 @@ class InTime(AddedVariable):
         place = None if evidence.window is None else places[evidence.window]
         change: ChangeInTime = hypothesis.change(
             *(motion, evidence.size, evidence.covariance, rows_of(problem, place)),
-            *(evidence.p_value, evidence.share),
+            *(evidence.p_value, evidence.share, hypothesis.subject(problem, place)),
         )
         return change.sentence
 
@@ -302,9 +311,22 @@ class FrameInTime(InTime):
                     motion = _flat(velocity, own * share)
                     yield TipShift(name, motion, np.repeat([5e-3, TURN], 3))
 
+    def subject(self, problem: Problem, place: tuple[int, int, int] | None) -> str:
+        """What stands at this end, where rows of one term of several look at it, and no others."""
+        first = problem.evaluation.table.first
+        if place is None or len(problem.terms) == 1 or place[2] > first[place[0] + 1]:
+            return ""
+        frames = [f for f in problem.terms[place[0]].outside if f.within == self.end]
+        owners = [f.owner for term in problem.terms for f in term.outside]
+        if len(frames) != 1 or owners.count(frames[0].owner) > 1:
+            return ""
+        label = frames[0].owner.partition("[")[2].rstrip("]")
+        return f"{frames[0].what} {label}".strip()
+
     def statement(self, change: ChangeInTime) -> str:
         """From where to where, by how much."""
-        what = self.what.format(f" of chain {change.joint}" if change.joint else "")
+        chain = f" of chain {change.joint}" if change.joint else ""
+        what = change.what or self.what.format(chain)
         if not self.at_once:
             return (
                 f"The {what} crept by {change.amount} while the rows were measured. Let it "
