@@ -50,7 +50,8 @@ SURE: Final = 1e-3
 TAKEN_AS_EXACT: Final = (
     "The camera's file is of an ideal camera, as a renderer has it (fx = fy, the axis through the "
     "middle of the picture, no distortion), and the pictures agree with it. It is taken to be "
-    "exact. If a real camera took the pictures, calibrate it."
+    "exact, and every ± includes the chance that it is not. If a real camera took the pictures, "
+    "calibrate it."
 )
 COUNTED: Final = "Pixels are counted from 0 at the centre of the first one."
 

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 from typing import Final, Literal
 
 import numpy as np
-from scipy.special import chdtri
+from scipy.special import chdtri, expit
 
 from suta_calib.arrays import BoolArray, FloatArray
 from suta_calib.display import Displayable
@@ -84,7 +84,7 @@ from suta_calib.terms.hand_eye_start import (
     loop_closures,
     some_poses,
 )
-from suta_calib.terms.intrinsics import HELD, ideal
+from suta_calib.terms.intrinsics import CALIBRATED, HELD, ideal
 from suta_calib.terms.misread_pictures import other_size
 from suta_calib.terms.surveyed_markers import SurveyedMarkers
 from suta_calib.trust.hypotheses.moved_at_a_row import Moved
@@ -174,12 +174,18 @@ def hand_eye_from_pictures(
         solution, [_of_lens(*each, solution) for each in zip(terms, believed, strict=True)]
     )
     weighed = weigh_pictures(solution.problem, solution.x, solution.free, hands)
-    exact = [_exact(term, view, weighed) for term, view in zip(terms, views, strict=True)]
+    chances = [
+        _chance_of_exact(term, view, weighed) for term, view in zip(terms, views, strict=True)
+    ]
+    exact = [chance > 0.5 for chance in chances]
     if any(exact):
         owners = [term.owners[2] for term, sure in zip(terms, exact, strict=True) if sure]
         sure = np.isin([p.owner for p in solution.problem.parameters.values()], owners)
         priors = np.where(sure, EXACT, 1.0)
-        weighed = weigh_pictures(solution.problem, weighed.x, solution.free, hands, priors)
+        doubted = weighed
+        weighed = weigh_pictures(solution.problem, doubted.x, solution.free, hands, priors)
+        all_exact = np.prod([chance for chance in chances if chance > 0.5])
+        weighed = weighed.or_else(doubted, float(all_exact))
     problem, freed = solution.problem, weighed
     if intrinsics == "fixed":
         problem, freed = _freed(solution, weighed, hands)
@@ -358,11 +364,25 @@ def _hands(solution: Solution, lenses: Sequence[LensPictures | None]) -> Hands:
     return Hands(hands.reshape(-1), spaces, shared_errors(R, p), lenses)
 
 
-def _exact(term: CameraView, view: View, weighed: Weighed) -> bool:
-    """Whether a camera is ideal by its file, and the pictures agree by themselves."""
+def _chance_of_exact(term: CameraView, view: View, weighed: Weighed) -> float:
+    """That a camera is ideal as its file says, and no real one of which the file knows no better.
+
+    By Bayes' factor (Kass and Raftery 1995, doi:10.1080/01621459.1995.10476572): pictures that tell
+    nothing of the camera leave both equally likely.
+    """
     if not term.free or view.camera is None or term.prior is not None or not ideal(view.camera):
-        return False
-    return chance_of_held(view.camera, _by_pictures(term, weighed)) > FALSE_ALARM
+        return 0.0
+    by_pictures = _by_pictures(term, weighed)
+    assert by_pictures.covariance is not None
+    lens, prior = slice(0, 4), CALIBRATED.stds(view.camera)
+    change = (by_pictures.intrinsics - view.camera.intrinsics)[lens]
+
+    def surprise(scale: float) -> float:
+        """-2 log of the likelihood, with the file off by so much of its prior."""
+        spread = by_pictures.covariance[lens, lens] + np.diag(scale * prior[lens]) ** 2
+        return float(np.linalg.slogdet(spread)[1] + change @ np.linalg.solve(spread, change))
+
+    return float(expit((surprise(1.0) - surprise(EXACT)) / 2.0))
 
 
 def _by_pictures(term: CameraView, freed: Weighed) -> Camera:

@@ -114,7 +114,8 @@ def off(found: FloatArray, true: FloatArray) -> FloatArray:
 def test_no_least_squares_is_nearer_to_the_truth_or_predicts_better(given: Given) -> None:
     """Plain least squares is told which pictures are outliers, and begins at the truth."""
     ours, theirs, left = [], [], []
-    for seed in range(2):
+    # Of two sets of ten pictures the ratio of the errors left out scatters by 6 %.
+    for seed in range(max(2, 60 // given.pictures)):
         one = scene(given, seed)
         every = np.ones(len(one.names), dtype=np.bool_)
         ours.append(off(one.answer(every)[0], one.X))
@@ -128,7 +129,7 @@ def test_no_least_squares_is_nearer_to_the_truth_or_predicts_better(given: Given
             squares += [np.sum(one.seen.take(out).errors(*answer) ** 2) for answer in answers]
         left.append(squares)
     nearest = np.min(np.mean(np.square(theirs), axis=0), axis=0)
-    # Two seeds: the ratio of two means of squares scatters by as much.
+    # The ratio of two means of squares scatters by as much.
     assert (np.mean(np.square(ours), axis=0) < 2.0 * nearest).all()
     # The camera that is held was calibrated from the pictures left out and from the outliers' too.
     # Of a fisheye the latter may be the only ones near the edge of the picture: where a hand-eye

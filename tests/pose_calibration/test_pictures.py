@@ -219,6 +219,37 @@ def test_an_ideal_camera_is_exact_unless_pictures_deny_it(true_focal: float, exa
     assert abs(seen.camera.intrinsics[0] - true_focal) < 2.0
 
 
+def test_the_less_pictures_tell_of_an_ideal_camera_the_larger_is_the_doubt() -> None:
+    """All of these agree with it; bad ones would agree with others as well."""
+    ideal = np.array([1000.0, 1000.0, 639.5, 479.5, 0.0, 0.0, 0.0, 0.0, 0.0])
+    good = {"count": 24, "pixel": 0.05, "robot": (5e-5, 1e-4)}
+    poor = {"count": 8, "pixel": 0.3, "robot": (3e-4, 5e-4)}
+    for quality, least, most in ((good, 0.0, 0.1), (poor, 0.3, 2.0)):
+        scene = pictures(given=Camera(1280, 960, ideal), lens=ideal, **quality)
+        (seen,) = solved(scene).cameras
+        assert seen.exact
+        assert seen.camera.stds is not None
+        assert ((seen.camera.stds[:4] > least) & (seen.camera.stds[:4] < most)).all()
+
+
+@pytest.mark.slow
+def test_standard_deviations_hold_for_a_camera_that_is_nearly_as_its_ideal_file_says() -> None:
+    """Off by up to half a pixel, as one is that counts pixels otherwise; most seem to be exact."""
+    ideal = np.array([1000.0, 1000.0, 639.5, 479.5, 0.0, 0.0, 0.0, 0.0, 0.0])
+    off, exact = [], 0
+    for seed in range(40):
+        f, cx, cy = np.random.default_rng([seed, 9]).uniform(-0.5, 0.5, 3)
+        true = ideal + np.array([f, f, cx, cy, 0.0, 0.0, 0.0, 0.0, 0.0])
+        given = Camera(1280, 960, ideal)
+        scene = pictures(12, pixel=0.1, robot=(1e-4, 2e-4), seed=seed, given=given, lens=true)
+        (seen,) = solved(scene).cameras
+        exact += seen.exact
+        off.append(errors(seen)[:6] / seen.std["X"])
+    assert 20 < exact <= 40
+    assert 0.7 < np.mean(np.square(off)) < 1.3
+    assert np.abs(off).max() < 4.0
+
+
 WORKCELL = Path(__file__).parents[3] / "shared/data/images/workcell_camera1"
 
 
