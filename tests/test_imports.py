@@ -20,7 +20,7 @@ ROWS = (
         "optional_packages",
     }
     | {"inputs", "registry"}
-    | {"display", "threads", "words"},
+    | {"display", "processes", "threads", "words"},
     {"geometry", "batched", "plotting"},
     {"model", "measurements"},
     {"terms", "robots"},
@@ -38,7 +38,7 @@ ROWS = (
     {"exchange"},
     {"certificate"},
     {"report"},
-    {"guide", "demo"},
+    {"guide", "demo", "fleet"},
     {"cli", "api", "__init__", "__main__"},
 )
 ROW = {part: row for row, parts in enumerate(ROWS) for part in parts}

@@ -33,7 +33,7 @@ from suta_calib.errors import (
 # What --help says of each; the module of its name holds the click command.
 COMMANDS: Final = {
     "demo": "Calibrate examples that come with the package.",
-    "calibrate": "Calibrate an arm, with everything that the job asks for.",
+    "calibrate": "Calibrate an arm, or many, with everything that the job asks for.",
     "observe": "Show which parameters the data of a job can determine.",
     "study": "Study how many sets are enough, and how results scatter.",
     "extend": "Find errors other than geometry that are worth modelling.",

@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-import json
 import math
-from collections.abc import Callable, Iterator
-from contextlib import suppress
-from itertools import islice
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, NamedTuple, TypeVar
 
@@ -19,6 +16,7 @@ from suta_calib.inputs import UrdfFile, XacroFile
 from suta_calib.measurements.csv_table import number_in
 from suta_calib.measurements.scale import INSTRUMENT_PPM
 from suta_calib.model.arm import ArmModel
+from suta_calib.report.files import results_beside
 from suta_calib.units import from_mm
 
 if TYPE_CHECKING:
@@ -149,36 +147,26 @@ def _place(
 
 
 def _results(context: click.Context, parameter: click.Parameter, out: Path | None) -> Path:
-    """Where the answer on a job, or on a result.json, is written; each job has its own folder."""
     del parameter
-    job: Path = context.params["job"]
+    return results_of(context.params["job"], out)
+
+
+def results_of(job: Path, out: Path | None) -> Path:
+    """Where the answer on a job, or on a result.json, is written; each job has its own folder.
+
+    Args:
+        job: the file, or a folder of results.
+        out: what ``--out`` names.
+
+    Raises:
+        OutputError: nothing can be written there.
+    """
     if out is None and job.is_dir():
         out = job
     if out is None:
-        out = job.parent if job.suffix.lower() == ".json" else job.parent / "results"
-        other_jobs = (job.parent / name for name in _jobs_of(out))
-        if any(other.is_file() and other.name != job.name for other in other_jobs):
-            out = job.parent / f"results-{job.stem}"
+        out = job.parent if job.suffix.lower() == ".json" else results_beside(job)
     check_folder(out)
     return out
-
-
-def _jobs_of(folder: Path) -> Iterator[str]:
-    """Names of the jobs whose answers a folder holds."""
-    # Answers that a folder of results holds at most, one of each command; and what `run`, the last
-    # key of one, takes.
-    most_records = 100
-    run_bytes = 1 << 16
-    records = (path for path in folder.glob("*.json") if path.is_file())
-    for path in islice(records, most_records):
-        with suppress(OSError, ValueError, KeyError, TypeError, AttributeError):
-            with path.open("rb") as file:
-                file.seek(max(0, path.stat().st_size - run_bytes))
-                end = file.read(run_bytes).decode(errors="replace")
-            # What follows it is of no interest, and what is before it may be long.
-            _, _, text = end.rpartition('"run":')
-            run, _ = json.JSONDecoder().raw_decode(text.lstrip())
-            yield Path(next(iter(run["inputs"]), "")).name
 
 
 # Eager: the folder of results follows from it, wherever it stands on the command line.

@@ -100,7 +100,7 @@ def answer_command(command: Callable[..., Document]) -> click.Command:
                 print_json(answer.json() if written is None else written)
             elif written is not None:
                 _print_files(written["files"], out, opens=answer.written == "opening")
-        context.exit(answer.assessment.exit_code)
+        context.exit(answer.exit_code)
 
     return verbose_option(json_option(shown))
 

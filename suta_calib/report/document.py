@@ -127,6 +127,7 @@ class Document(ShowsItself):
         written: what becomes of it in a folder, beside its pictures and files.
         headline: the one figure that a page begins with; empty for none.
         whole: whether a console shows all rows, however many: of a list that was asked for.
+        incomplete: whether a part of what was asked for has no answer at all.
     """
 
     name: str
@@ -137,6 +138,12 @@ class Document(ShowsItself):
     written: Written = "report"
     headline: str = ""
     whole: bool = False
+    incomplete: bool = False
+
+    @property
+    def exit_code(self) -> int:
+        """Exit code of the command: 0; 1 if it must not be used; 2 if a part of it is missing."""
+        return 2 if self.incomplete else self.assessment.exit_code
 
     def shown(self, *places: Place) -> list[Shown]:
         """The parts for these places, in order; tables without rows are not."""

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import suppress
 from dataclasses import replace
 from hashlib import sha256
+from itertools import islice
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, Final
@@ -45,11 +47,7 @@ def write_document(
     contents = _contents(answer, notes)
     answer = replace(answer, assessment=answer.assessment.with_care(notes))
     hashes = {name: sha256(data).hexdigest() for name, data in contents.items()}
-    run: dict[str, Any] = {"inputs": dict(inputs), "sha256": hashes}
-    run = {
-        "id": sha256(json_text({answer.name: run}, ascii_only=True).encode()).hexdigest()[:12],
-        **run,
-    }
+    run = run_record(answer.name, inputs, hashes)
     record = {"result": "result.json", "files": ""}.get(answer.written, f"{answer.name}.json")
     if answer.written not in ("record", "files"):
         job = Path(next(iter(inputs), "")).name
@@ -84,6 +82,45 @@ def write_document(
     stale = _written_before(folder / record) - current if record else ()
     exchange_files(folder, contents, stale)
     return complete
+
+
+def run_record(name: str, inputs: Mapping[str, str], hashes: Mapping[str, str]) -> dict[str, Any]:
+    """The key ``run`` of an answer of that name: its id follows from the rest."""
+    run: dict[str, Any] = {"inputs": dict(inputs), "sha256": dict(hashes)}
+    content = json_text({name: run}, ascii_only=True).encode()
+    return {"id": sha256(content).hexdigest()[:12], **run}
+
+
+def results_beside(job: Path) -> Path:
+    """Where the answer on a job is written: each job of a folder has its own folder of results."""
+    out = job.parent / "results"
+    other_jobs = (job.parent / name for name in _jobs_of(out))
+    if any(other.is_file() and other.name != job.name for other in other_jobs):
+        out = results_of_its_own(job)
+    return out
+
+
+def results_of_its_own(job: Path) -> Path:
+    """Where the answer on a job is written if ``results`` beside it is another job's."""
+    return job.parent / f"results-{job.stem}"
+
+
+def _jobs_of(folder: Path) -> Iterator[str]:
+    """Names of the jobs whose answers a folder holds."""
+    # Answers that a folder of results holds at most, one of each command; and what `run`, the last
+    # key of one, takes.
+    most_records = 100
+    run_bytes = 1 << 16
+    records = (path for path in folder.glob("*.json") if path.is_file())
+    for path in islice(records, most_records):
+        with suppress(OSError, ValueError, KeyError, TypeError, AttributeError):
+            with path.open("rb") as file:
+                file.seek(max(0, path.stat().st_size - run_bytes))
+                end = file.read(run_bytes).decode(errors="replace")
+            # What follows it is of no interest, and what is before it may be long.
+            _, _, text = end.rpartition('"run":')
+            run, _ = json.JSONDecoder().raw_decode(text.lstrip())
+            yield Path(next(iter(run["inputs"]), "")).name
 
 
 def _report(answer: Document, folder: Path, job: str) -> tuple[str, str | None]:

@@ -26,6 +26,7 @@ from suta_calib.analysis.study import runner as study_runner
 from suta_calib.analysis.study.plan import StudyLog, StudyPlan, run_study
 from suta_calib.analysis.study.trial import Trial
 from suta_calib.errors import InputError, JobError, MissingExtraError, SamplesError
+from suta_calib.processes import interrupts_withheld
 
 ASKED: dict[str, dict[str, Any]] = {
     "size": {"kind": "size", "sizes": (1, 4), "trials": 5},
@@ -153,7 +154,7 @@ def test_an_address_without_a_scheduler(monkeypatch: pytest.MonkeyPatch) -> None
 @pytest.mark.skipif(not hasattr(signal, "pthread_sigmask"), reason="signals cannot be blocked here")
 def test_processes_started_for_a_study_do_not_hear_an_interrupt() -> None:
     ask = "import signal; print(signal.SIGINT in signal.pthread_sigmask(signal.SIG_BLOCK, []))"
-    with study_runner._interrupts_withheld():
+    with interrupts_withheld():
         told = subprocess.run([sys.executable, "-c", ask], capture_output=True, check=True)
     assert told.stdout.strip() == b"True"
     assert signal.SIGINT not in signal.pthread_sigmask(signal.SIG_BLOCK, [])

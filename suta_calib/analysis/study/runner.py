@@ -9,36 +9,35 @@ which takes as long as a hundred trials of a small study.
 from __future__ import annotations
 
 import hashlib
-import logging
+import os
 import pickle
-import signal
 import tempfile
 import threading
-import time
 from collections import deque
 from collections.abc import Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, CancelledError, Future, wait
 from contextlib import ExitStack, contextmanager, suppress
-from multiprocessing import resource_tracker
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 from joblib.externals.loky import get_reusable_executor
 from joblib.externals.loky.process_executor import BrokenProcessPool
 
 from suta_calib.analysis.study.trial import StudyData, Trial, run_trial
 from suta_calib.errors import InputError, SamplesError
-from suta_calib.optional_packages import load
+from suta_calib.processes import (
+    ONE_THREAD,
+    dask_client,
+    dask_trouble,
+    interrupts_withheld,
+    prepare,
+    wait_until_passed_on,
+)
 
 Task = tuple[int, int]  # size, number
 # Trials handed out at a time; a worker has two such batches at the most, which is what an interrupt
 # loses of it.
 BATCH: Final = 4
-# What keeps libraries from starting threads of their own beside the others'.
-ONE_THREAD: Final = {
-    f"{library}_NUM_THREADS": "1" for library in ("OMP", "OPENBLAS", "MKL", "BLIS")
-} | {"VECLIB_MAXIMUM_THREADS": "1"}
-
 _loaded: dict[str, StudyData] = {}
 # Threads of one worker would share CasADi's graph and the number of BLAS threads.
 _one_at_a_time = threading.Lock()
@@ -93,13 +92,13 @@ def _beside_others(
             batch = [waiting.popleft() for _ in range(count)]
             running.add(executor.submit(_run, key, place, batch))
 
-    with _interrupts_withheld():
+    with interrupts_withheld():
         # Seconds after which an unused worker ends.
         executor = get_reusable_executor(
-            workers - 1, timeout=300, initializer=_prepare, env=ONE_THREAD
+            workers - 1, timeout=300, initializer=prepare, initargs=(os.getpid(),), env=ONE_THREAD
         )
     try:
-        with _interrupts_withheld():
+        with interrupts_withheld():
             hand_out()
         while waiting or running:
             hand_out()
@@ -119,99 +118,31 @@ def _beside_others(
         ) from None
     except BaseException:
         # Workers ignore an interrupt so as not to cry, and would finish their batch.
-        _wait_until_passed_on(running)
+        wait_until_passed_on(running)
         executor.shutdown(wait=True, kill_workers=True)
         raise
 
 
-def _wait_until_passed_on(handed_out: set[Future[list[Trial]]]) -> None:
-    """What has come to no worker when they are killed, the pool's own thread looks for in vain."""
-    # A pool that is alive passes it on within milliseconds, s.
-    end = time.monotonic() + 1.0
-    while time.monotonic() < end and not all(f.running() or f.done() for f in handed_out):
-        time.sleep(0.001)
-
-
-@contextmanager
-def _interrupts_withheld() -> Iterator[None]:
-    """Processes started meanwhile do not hear of an interrupt, which comes afterwards.
-
-    Until a worker has imported what it needs it cannot ignore one itself, and cries.
-    """
-    if not hasattr(signal, "pthread_sigmask"):
-        yield
-        return
-    # Its start lets interrupts through again.
-    resource_tracker.ensure_running()
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-    try:
-        yield
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
-
-
 def _on_dask(data: StudyData, batches: Sequence[Sequence[Task]], address: str) -> Iterator[Trial]:
-    distributed = load("distributed", "dask")
     content, key = _packed(data)
-    with _client(distributed, address) as client:
+    with dask_client(address) as (distributed, client):
         shared = client.scatter(content, broadcast=True, hash=False)
         futures = client.map(_run, [key] * len(batches), [shared] * len(batches), batches)
         try:
-            for future in distributed.as_completed(futures, loop=client.loop):
-                yield from future.result()
-        except (ImportError, AttributeError, distributed.KilledWorker) as error:
+            with dask_trouble(address, "trial"):
+                for future in distributed.as_completed(futures, loop=client.loop):
+                    yield from future.result()
+        except distributed.KilledWorker as error:
             raise InputError(
-                f"a worker that cannot run a trial ({error})",
-                "workers with suta_calib installed, in this version",
+                f"a worker that ended unexpectedly ({error})",
+                "enough memory for every worker",
                 where=f"--dask {address}",
-            ) from None
-        except (CancelledError, OSError) as error:
-            raise InputError(
-                f"no connection to the scheduler any more ({type(error).__name__})",
-                "a scheduler that runs until all trials are done",
-                where=f"--dask {address}",
-                hint="start it again, and continue with --resume",
+                hint="continue with --resume",
             ) from None
         finally:
             # What is left runs on for nobody; a scheduler that is gone need not be told.
             with suppress(CancelledError, OSError):
                 client.cancel(futures)
-
-
-@contextmanager
-def _client(distributed: Any, address: str) -> Iterator[Any]:
-    """A client of a scheduler that is there."""
-    logs = [logging.getLogger(name) for name in ("distributed", "distributed.client")]
-    levels = [log.level for log in logs]
-    for log in logs:
-        # Their tracebacks would stand beside our one line.
-        log.setLevel(logging.CRITICAL)
-    try:
-        # A client that fails half-way through its construction cries when it is collected: first
-        # see whether the address has a port, and a scheme somebody knows.
-        scheme, place = distributed.comm.parse_address(address)
-        distributed.comm.registry.get_backend(scheme)
-        if scheme != "inproc":
-            distributed.comm.addressing.parse_host_port(place)
-        client = distributed.Client(address, set_as_default=False)
-    except (OSError, ValueError, TypeError) as error:
-        reason = " ".join(str(error).split()) or type(error).__name__
-        raise InputError(
-            f"no scheduler ({reason})",
-            "the address of a running Dask scheduler, such as tcp://host:8786",
-            where=f"--dask {address}",
-        ) from None
-    try:
-        if not client.scheduler_info()["workers"]:
-            raise InputError(
-                "a scheduler without workers", "at least one", where=f"--dask {address}"
-            )
-        yield client
-        # Not where that failed: what is logged then comes when nobody waits for it any more.
-        for log, level in zip(logs, levels, strict=True):
-            log.setLevel(level)
-    finally:
-        client.close()
 
 
 def _packed(data: StudyData) -> tuple[bytes, str]:
@@ -226,11 +157,6 @@ def _packed(data: StudyData) -> tuple[bytes, str]:
             hint="or use one process: --jobs 1",
         ) from None
     return content, hashlib.sha256(content).hexdigest()
-
-
-def _prepare() -> None:
-    """Make a process of its own ready; an interrupt it leaves to the one that started it."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
 
 
 def _run(key: str, place: Path | bytes, tasks: Sequence[Task]) -> list[Trial]:
