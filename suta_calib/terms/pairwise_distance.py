@@ -145,8 +145,7 @@ class PairwiseDistance(Term):
             data = np.hstack([difference, flat(axes[first] - axes[second])])
         own_columns = np.tile(np.arange(len(self.own_parameters)), (len(pairs), 1))
         sigma = np.hypot(*touched.sigma[touched.marks].T)
-        ends = names.tolist()
-        labels = [f"{ends[i]}-{ends[j]}" for i, j in pairs.tolist()]
+        labels = _pair_labels(names, pairs)
         block = Block.per_sample(
             "distance", "m", 1, residual, own_columns, data, self.noise, labels
         )
@@ -281,11 +280,30 @@ def landmark_pairs(samples: Samples) -> IntArray:
         large = np.bincount(sets[sorted_rows])[sets[sorted_rows]] - 1 > 2 * partners
         of_large, sorted_rows = sorted_rows[large], sorted_rows[~large]
         found_pairs.append(of_large[_some_pairs(sets[of_large], landmark[of_large], partners)])
-    for rows in np.split(sorted_rows, np.flatnonzero(np.diff(sets[sorted_rows])) + 1):
-        found_pairs.append(rows[np.column_stack(np.triu_indices(len(rows), k=1))])
+    found_pairs.append(sorted_rows[_pairs_within(sets[sorted_rows])])
     pairs = np.concatenate(found_pairs).astype(np.intp)
     different = landmark[pairs[:, 0]] != landmark[pairs[:, 1]]
     return np.asarray(pairs[different])
+
+
+def _pairs_within(sets: IntArray) -> IntArray:
+    """(n, 2) all pairs of places with the same number; equal numbers stand together."""
+    places = np.arange(len(sets))
+    last = np.searchsorted(sets, sets, side="right") - 1
+    partners = last - places
+    first = np.repeat(places, partners)
+    begins = np.cumsum(partners) - partners
+    second = first + 1 + np.arange(len(first)) - np.repeat(begins, partners)
+    return np.column_stack([first, second])
+
+
+def _pair_labels(names: NDArray[np.str_], pairs: IntArray) -> list[str]:
+    """The landmarks of each pair of samples; a text is made once, however many pairs have it."""
+    marks, number = np.unique(names, return_inverse=True)
+    kinds, which = np.unique(number[pairs] @ [len(marks), 1], return_inverse=True)
+    ends = marks.tolist()
+    texts = [f"{ends[k // len(ends)]}-{ends[k % len(ends)]}" for k in kinds.tolist()]
+    return [texts[k] for k in which.tolist()]
 
 
 def _original(numbers: FloatArray, origin: Sequence[str]) -> BoolArray:

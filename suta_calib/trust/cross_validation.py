@@ -31,13 +31,11 @@ class Fold:
 
     Attributes:
         label: for people.
-        training: the terms without what is held out.
         held_out: what is, by the number of its term; a term may be missing.
         samples: (n,) which samples of each term are left out of the training.
     """
 
     label: str
-    training: tuple[Term, ...]
     held_out: Mapping[int, Term]
     samples: tuple[BoolArray, ...]
 
@@ -137,6 +135,7 @@ def folds_of(terms: Sequence[Term], seed: int = 0) -> tuple[Fold, ...]:
     by_placement = len(placements) >= fewest_placements
     most_folds = 10
     folds_of_touches = 5
+    surely_enough = 1000
     moving = any(_moves(term) for term in terms)
     count = min(len(placements), most_folds) if by_placement else folds_of_touches
     if moving and not by_placement:
@@ -147,7 +146,11 @@ def folds_of(terms: Sequence[Term], seed: int = 0) -> tuple[Fold, ...]:
     for k in range(count):
         part = f"stretch {k + 1} of the recordings" if moving else f"part {k + 1}"
         label = ", ".join(placements[k::count]) if by_placement else part
-        training = tuple(t.take(n != k) for t, n in zip(terms, number, strict=True))
+        # What is left must be enough for every term. Of many samples it is, and to build the terms
+        # takes long.
+        for term, numbers in zip(terms, number, strict=True):
+            if len(term.poses) < surely_enough:
+                term.take(numbers != k)
         held_out = {}
         for row, (term, numbers) in enumerate(zip(terms, number, strict=True)):
             # What is too small for its kind is left out.
@@ -156,7 +159,7 @@ def folds_of(terms: Sequence[Term], seed: int = 0) -> tuple[Fold, ...]:
                     held_out[row] = term.take(numbers == k)
         if held_out:
             samples = tuple(n == k for n in number)
-            folds.append(Fold(label, training, held_out, samples))
+            folds.append(Fold(label, held_out, samples))
     if len(folds) < 2:
         raise SamplesError(
             "too few touches to leave any out",
