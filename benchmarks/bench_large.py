@@ -197,7 +197,22 @@ def stationary(folder: Path, rows: int) -> Sequence[str]:
     return (*COMMAND, "repeatability", "--stationary", str(path), "--json")
 
 
-def tracked(folder: Path, rows: int) -> Sequence[str]:
+FEW_UNKNOWNS = """\
+  - {select: ["joint_*.offset"], bound_deg: 15}
+  - {select: [joint_4.z, joint_6.z, tip.y], bound_mm: 30}
+"""
+ALL_UNKNOWNS = """\
+  - {select: ["joint_*.offset"], bound_deg: 15}
+  - {select: [geometric], bound_mm: 30, bound_deg: 15}
+"""
+
+
+def tracked_whole(folder: Path, rows: int) -> Sequence[str]:
+    """The same with the geometry of every joint unknown: 54 unknowns."""
+    return tracked(folder, rows, ALL_UNKNOWNS)
+
+
+def tracked(folder: Path, rows: int, unknowns: str = FEW_UNKNOWNS) -> Sequence[str]:
     """A tracker saw the tip of a SUTA with offsets; the offsets and lengths are unknown."""
     random = np.random.default_rng(0)
     arm = ArmModel.from_urdf(URDF, "tip")
@@ -210,9 +225,7 @@ def tracked(folder: Path, rows: int) -> Sequence[str]:
     job = folder / "calibration.yaml"
     job.write_text(
         f"arm: {{urdf: {URDF}, tip: tip}}\n"
-        "parameters:\n"
-        '  - {select: ["joint_*.offset"], bound_deg: 15}\n'
-        "  - {select: [joint_4.z, joint_6.z, tip.y], bound_mm: 30}\n"
+        f"parameters:\n{unknowns}"
         "observations:\n"
         f"  - {{kind: tracked_point, samples: tracked.csv, huber_mm: {mm(from_mm(0.3)):g}}}\n"
     )
@@ -357,6 +370,8 @@ CASES = (
     Case("tracked_point", 10_000, tracked, 1.0, 500),
     Case("tracked_point", 100_000, tracked, 6.0, 1000),
     Case("tracked_point", 1_000_000, tracked, 60.0, 8000),
+    Case("tracked_point, 54 unknowns", 10_000, tracked_whole, 2.0, 500, few=200),
+    Case("tracked_point, 54 unknowns", 100_000, tracked_whole, 8.0, 1000, few=200),
     Case("CSV read", 1_000_000, reading, 2.0, 1000),
     Case("pairwise_distance", 10_000, distances, 1.0, 500, few=225),
     Case("pairwise_distance", 100_000, distances, 12.0, 1200, few=225),

@@ -183,14 +183,15 @@ def _joint_fit(
     residuals = whites = [_white(r) for r in rows]
     off = part.sigma
     levels, taken = np.array([float(np.mean(w**2)) for w in whites]), np.zeros(len(rows))
+    products = [(g.T @ g, g.T @ w) for g, w in zip(gains, whites, strict=True)]
     # The noise that weighs the landmarks' prior settles in so many rounds.
     for _ in range(4):
         # Rows that share samples say less than their number.
         trust = equations / [w.size for w in whites] / np.maximum(levels, 1e-300)
-        squares = [t * g.T @ g for t, g in zip(trust, gains, strict=True)]
+        squares = [t * square for t, (square, _) in zip(trust, products, strict=True)]
         inverse = scaled_inverse(np.asarray(sum(squares)) + np.diag(prior))
-        weighed = zip(trust, gains, whites, strict=True)
-        step = -inverse @ (slope + sum(t * g.T @ w for t, g, w in weighed))
+        weighed = (t * gradient for t, (_, gradient) in zip(trust, products, strict=True))
+        step = -inverse @ (slope + sum(weighed))
         residuals = [w + g @ step for w, g in zip(whites, gains, strict=True)]
         share = np.array([np.einsum("ij,ji->i", inverse, square) for square in squares])
         left = np.maximum(1.0 - share.sum(axis=1) / equations, LEAST_FREEDOM)

@@ -186,7 +186,9 @@ class CalibrationExamination(Examination):
     @cached_property
     def tip_budget(self) -> UncertaintyBudget | None:
         """What the uncertainty of the tip is made of; None where nothing moves it."""
-        return tip_budget(self.solution) if self.solution.converged else None
+        if not self.solution.converged:
+            return None
+        return tip_budget(self.solution, self.effective_unknowns)
 
     # ── what may be wrong ───────────────────────────────────────────────────────────────────
     @cached_property

@@ -52,7 +52,8 @@ def clock_offsets(examined: Examination) -> tuple[ClockOffset, ...]:
     """Of every clock that is an unknown, once; none without convergence."""
     solution, squares = examined.solution, dict[str, list[float]]()
     left_out = Counter[str]()
-    if not solution.converged:
+    # Without a clock nobody asks for the velocities, which take as much memory as all else.
+    if not solution.converged or not any(term.of_clock for term in examined.problem.terms):
         return ()
     velocity = examined.table.rate.reshape(-1, 6)[:, :3]
     for term, (first, end) in zip(

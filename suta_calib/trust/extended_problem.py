@@ -24,7 +24,7 @@ from suta_calib.model.parameters import (
     ParameterSet,
 )
 from suta_calib.model.robot import AnyArm
-from suta_calib.solver.information import robust_curvature, whitened_rows
+from suta_calib.solver.information import curvature_at
 from suta_calib.solver.problem import Problem
 from suta_calib.solver.solution import Solution
 from suta_calib.terms import Term
@@ -143,8 +143,8 @@ def effective_unknowns(solution: Solution) -> float:
     spend.
     """
     problem, free = solution.problem, solution.free
-    rows = whitened_rows(problem, solution.x, solution.sigmas)
-    information = np.asarray(sum(map(robust_curvature, rows)))[np.ix_(free, free)]
+    curvature = curvature_at(problem, solution.x, solution.sigmas, robust=True)
+    information = curvature[np.ix_(free, free)]
     with_prior = information + np.diag(problem.prior_precision()[free])
     return float(np.trace(np.linalg.lstsq(with_prior, information, rcond=None)[0]))
 

@@ -107,13 +107,14 @@ def tip_motion(problem: Problem, x: FloatArray, direction: Mapping[str, float]) 
     """
     problem.linearise(x, problem.assumed_sigmas())
     table, names = problem.evaluation.table, problem.names[: problem.arm_count]
-    columns = {
-        name: (table.velocity[:, k] * direction[name]).reshape(-1, 6)
-        for k, name in enumerate(names)
-        if name in direction
-    }
-    total = sum(columns.values(), np.zeros((len(table.position), 6)))
-    parts = {name: _size(c[:, :3], c[:, 3:]) for name, c in columns.items()}
+    moving = {name: k for k, name in enumerate(names) if name in direction}
+    factor = np.array([direction[name] for name in moving])
+    columns = table.velocity[:, list(moving.values())]
+    total = (columns @ factor).reshape(-1, 6)
+    columns = columns.reshape(-1, 6, len(moving))
+    squares = np.einsum("nvk,nvk->vk", columns, columns) * factor**2 / max(len(columns), 1)
+    sizes = np.sqrt(squares[:3].sum(axis=0) + LEVER**2 * squares[3:].sum(axis=0))
+    parts = dict(zip(moving, sizes.tolist(), strict=True))
     rotation = np.swapaxes(table.rotation.reshape(-1, 3, 3), 1, 2).copy()
     return TipMotion(table.position.copy(), rotation, total[:, :3], total[:, 3:], parts)
 

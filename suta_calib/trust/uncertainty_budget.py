@@ -24,7 +24,6 @@ from suta_calib.solver.held_geometry import registered_motion
 from suta_calib.solver.solution import Solution
 from suta_calib.terms.length_scale import scale_carriers
 from suta_calib.terms.term import Term
-from suta_calib.trust.extended_problem import effective_unknowns
 from suta_calib.units import Unit
 from suta_calib.words import listed
 
@@ -111,13 +110,14 @@ def coverage_factor(freedom: float) -> float:
     return max(2.0, float(stats.t.ppf((1.0 + COVERAGE) / 2.0, max(freedom, 1.0))))
 
 
-def tip_budget(solution: Solution) -> UncertaintyBudget | None:
+def tip_budget(solution: Solution, unknowns: float) -> UncertaintyBudget | None:
     """The budget of one coordinate of the tip; None where nothing moves it.
 
     Root mean square over the three axes and the postures of the fitted rows.
 
     Args:
         solution: that converged.
+        unknowns: how many of them the data have told (`effective_unknowns`).
     """
     fit, spread, free = solution.spread.fit, solution.spread, solution.free
     if fit.problem.arm is None or not len(free):
@@ -132,7 +132,7 @@ def tip_budget(solution: Solution) -> UncertaintyBudget | None:
         return float(np.linalg.norm(moved)) / math.sqrt(len(moved))
 
     equations = sum(map(_equations, fit.problem.terms))
-    freedom = max(equations - effective_unknowns(solution), 1.0)
+    freedom = max(equations - unknowns, 1.0)
     parts = [
         Contribution(
             name,

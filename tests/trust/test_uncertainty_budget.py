@@ -17,6 +17,7 @@ from suta_calib.arrays import FloatArray
 from suta_calib.geometry.numbers import rms_length
 from suta_calib.measurements.scale import LengthScale
 from suta_calib.model.parameters import ParameterSet
+from suta_calib.trust.extended_problem import effective_unknowns
 from suta_calib.trust.tip import sensitivity
 from suta_calib.trust.uncertainty_budget import (
     Contribution,
@@ -53,7 +54,7 @@ def solved(seed: int, postures: int = 30) -> tuple[Solution, dict[str, float], F
 
 def test_the_parts_add_up_to_the_tip_s_covariance() -> None:
     solution, _, q = solved(1)
-    budget = tip_budget(solution)
+    budget = tip_budget(solution, effective_unknowns(solution))
     assert budget is not None
     names, covariance = solution.arm_covariance
     at = sensitivity(ARM, solution.values, names, q)
@@ -99,7 +100,7 @@ def test_twice_the_std_holds_as_often_as_it_says(trials: int) -> None:
     inside: dict[str, list[bool]] = {name: [] for name in told()}
     for seed in range(trials):
         solution, truth, q = solved(seed)
-        budget = tip_budget(solution)
+        budget = tip_budget(solution, effective_unknowns(solution))
         assert budget is not None
         factor = coverage_factor(budget.contributions[0].freedom)
         for name, estimate in solution.arm_estimates.items():
