@@ -3,9 +3,10 @@
 Simulated data with known truth, written as a user's files are; every command is asked for its JSON.
 Time is processor time of all its processes, so that another program on the machine matters less.
 A limit is for what the rows cost: what the same command takes for a few rows, which is start-up, is
-measured in the same run and subtracted. Writes benchmarks/results/large.md, and fails where a limit
-is passed. Arguments name the cases to run: ``bench_large.py register hand-eye``,
-``bench_large.py tracked_point:100000``; the page keeps the figures of the others.
+measured in the same run and subtracted. Writes benchmarks/results/large.md and the picture of the
+guide, docs/figures/many_rows.svg, and fails where a limit is passed. Arguments name the cases to
+run: ``bench_large.py register hand-eye``, ``bench_large.py tracked_point:100000``; the page keeps
+the figures of the others.
 """
 
 from __future__ import annotations
@@ -28,6 +29,8 @@ from time import perf_counter
 from typing import Any
 
 import numpy as np
+from matplotlib import rc_context
+from matplotlib.figure import Figure
 from rich.console import Console
 from tables import number_table
 
@@ -47,6 +50,14 @@ PICTURES = 100
 COARSE = 8
 PAGE = Path(__file__).parent / "results" / "large.md"
 FIGURES = PAGE.with_suffix(".json")
+PICTURE = Path(__file__).parents[1] / "docs" / "figures" / "many_rows.svg"
+# What the picture shows of growth, with its colour.
+GROWTH = {
+    "tracked_point": "#0072B2",
+    "tracked_point, 54 unknowns": "#D55E00",
+    "pairwise_distance": "#009E73",
+    "corners in 100 pictures": "#CC79A7",
+}
 NOISE = PoseNoise(from_mm(0.3), from_deg(0.1))
 MEGABYTE = 1 << 10  # kilobytes, of which the system counts
 COMMAND = ("-m", "suta_calib")
@@ -367,6 +378,7 @@ CASES = (
     Case("hand-eye", 10_000, hand_eye, 2.0, 500),
     Case("pivot", 100_000, pivot, 0.5, 500),
     Case("stationary", 1_000_000, stationary, 6.0, 1000, few=200),
+    Case("tracked_point", 1_000, tracked, 0.5, 500),
     Case("tracked_point", 10_000, tracked, 1.0, 500),
     Case("tracked_point", 100_000, tracked, 6.0, 1000),
     Case("tracked_point", 1_000_000, tracked, 60.0, 8000),
@@ -417,6 +429,31 @@ def _write(known: Mapping[str, Mapping[str, float]], rows: Sequence[tuple[str, .
     kept = {case.key: known[case.key] for case in CASES if case.key in known}
     FIGURES.write_text(json.dumps(kept, indent=1) + "\n", encoding="utf-8")
     PAGE.write_text(_page(rows), encoding="utf-8")
+    draw(kept)
+
+
+def draw(known: Mapping[str, Mapping[str, float]]) -> None:
+    """How time and memory of whole commands grow with the rows."""
+    figure = Figure(figsize=(8, 3.4), layout="constrained")
+    panels = dict(zip(("seconds", "megabytes"), figure.subplots(1, 2), strict=True))
+    for name, colour in GROWTH.items():
+        found = [(c.rows, known[c.key]) for c in CASES if c.name == name and c.key in known]
+        if not found:
+            continue
+        for what, axes in panels.items():
+            points = [(rows, cost[what]) for rows, cost in found]
+            axes.loglog(*zip(*points, strict=True), "o-", color=colour, label=name)
+    ticks = {"time, s": (1, 3, 10, 30, 100), "memory, MB": (300, 1000, 3000, 10000)}
+    for axes, (title, values) in zip(panels.values(), ticks.items(), strict=True):
+        axes.set_xlabel("rows")
+        axes.set_title(title, fontsize=10)
+        axes.set_yticks(values, [f"{value:,}" for value in values])
+        axes.set_ylim(0.8 * values[0], values[-1])
+        axes.minorticks_off()
+        axes.grid(visible=True, alpha=0.3)
+    panels["seconds"].legend(fontsize=8)
+    with rc_context({"svg.hashsalt": "rows"}):
+        figure.savefig(PICTURE, metadata={"Date": None})
 
 
 def _page(rows: Sequence[tuple[str, ...]]) -> str:
