@@ -9,6 +9,8 @@ tries subsets of them for hours and cannot be stopped
 (https://github.com/opencv/opencv/issues/23558), so that it is left out there. The search of corners
 by themselves (``findChessboardCornersSB``) takes time in proportion to the picture, whatever is in
 it, and finds more of the small and blurred boards, but fewer that have little white around them.
+With its greys equalised, which it needs in a picture of little contrast, it finds none where all
+about the board is dark: the dark squares become as grey as the rest. So it searches both ways.
 """
 
 from __future__ import annotations
@@ -156,11 +158,12 @@ class ChessboardFinder:
     def _asked_for(self, grey: Grey, copies: list[_Copy]) -> Iterator[_Grid]:
         """What is found in the copies when asked for the board."""
         size = (self.board.columns, self.board.rows)
-        for search in (_by_squares, _by_corners):
-            for copy in copies:
-                grid = search(grey, copy, size)
-                if grid is not None:
-                    yield grid
+        corner_searches = (_by_corners, _by_corners_as_taken)
+        by_corners = ((search, copy) for copy in copies for search in corner_searches)
+        for search, copy in (*((_by_squares, copy) for copy in copies), *by_corners):
+            grid = search(grey, copy, size)
+            if grid is not None:
+                yield grid
         grid = _by_corners(grey, _last_resort(grey), size)
         if grid is not None:
             yield grid
@@ -226,14 +229,21 @@ def _wrongly_counted(size: tuple[int, int]) -> Iterator[tuple[int, int]]:
     yield from _COMMON
 
 
-def _by_corners(grey: Grey, copy: _Copy, size: tuple[int, int] | None) -> _Grid | None:
+def _by_corners(
+    grey: Grey, copy: _Copy, size: tuple[int, int] | None, equalised: bool = True
+) -> _Grid | None:
     """By OpenCV's search of corners by themselves; any board where no size is given."""
     cv2 = opencv()
-    how = cv2.CALIB_CB_NORMALIZE_IMAGE if size else cv2.CALIB_CB_LARGER
+    how = cv2.CALIB_CB_NORMALIZE_IMAGE * equalised if size else cv2.CALIB_CB_LARGER
     success, corners, meta = cv2.findChessboardCornersSBWithMeta(
         copy.grey, size or (_SEED, _SEED), how
     )
     return _complete_grid(grey, corners, meta.shape[1::-1], copy.scale) if success else None
+
+
+def _by_corners_as_taken(grey: Grey, copy: _Copy, size: tuple[int, int]) -> _Grid | None:
+    """The same without equalised greys."""
+    return _by_corners(grey, copy, size, equalised=False)
 
 
 def _by_squares(grey: Grey, copy: _Copy, size: tuple[int, int]) -> _Grid | None:

@@ -22,7 +22,7 @@ from vision_scenes import (  # noqa: E402
 
 from suta_calib.errors import BoardError  # noqa: E402
 from suta_calib.geometry import projected  # noqa: E402
-from suta_calib.measurements import Charuco, Chessboard, Marker, Markers  # noqa: E402
+from suta_calib.measurements import Camera, Charuco, Chessboard, Marker, Markers  # noqa: E402
 from suta_calib.vision import RenderOptions, rendered  # noqa: E402
 from suta_calib.vision.chessboard import ChessboardFinder  # noqa: E402
 from suta_calib.vision.detection import finder_of  # noqa: E402
@@ -87,6 +87,20 @@ def test_a_board_that_is_clear_only_in_smaller_copies_is_found(width: int, optio
     assert np.std(found.pixel - projected(place, camera.intrinsics)) < rms
     with pytest.raises(NotSeenError, match="11x8 inner corners instead of 10x8"):
         ChessboardFinder(Chessboard(10, 8, 0.03)).find(grey)
+
+
+def test_a_large_board_before_a_dark_scene_is_found():
+    """What is behind it has as many patches as it has squares, and its black is not the darkest."""
+    board, random = Chessboard(28, 17, 0.02), np.random.default_rng(0)
+    camera = Camera(800, 500, np.array([750.0, 750, 400, 250, 0, 0, 0, 0, 0]))
+    T = facing(board, (6, -7, 1), 1.6)
+    scene = 22.0 + cv2.GaussianBlur(random.normal(0, 200, (500, 800)), (0, 0), 12)
+    options = RenderOptions(samples=2, black=45, white=200, margin=0.3)
+    grey = rendered(board, camera, T, random, options, scene=np.clip(scene, 3, 60))
+    found = finder_of(board).find(grey)
+    place = board.positions(found.point) @ T[:3, :3].T + T[:3, 3]
+    assert len(found.point) == 28 * 17
+    assert np.std(found.pixel - projected(place, camera.intrinsics)) < 0.1
 
 
 def test_a_covered_corner_is_left_out_and_the_others_keep_their_numbers():
