@@ -153,7 +153,7 @@ class Result(Displayable):
         transforms: poses that it found: of cameras, instruments and artefacts, of a tool.
         cameras: by their labels, with the intrinsics that were found.
         data: the JSON itself.
-        unsized: labels of further cameras, of whose pictures nothing says the size.
+        unsized: further cameras, of whose pictures nothing says the size: theirs is 0.
     """
 
     path: Path
@@ -161,7 +161,7 @@ class Result(Displayable):
     transforms: tuple[Transform, ...]
     cameras: Mapping[str, Camera] = field(default_factory=dict)
     data: Mapping[str, Any] = field(default_factory=dict)
-    unsized: tuple[str, ...] = ()
+    unsized: Mapping[str, Camera] = field(default_factory=dict)
 
     @property
     def usable(self) -> bool:
@@ -180,20 +180,41 @@ class Result(Displayable):
         """`transforms`, and that of the arm's tool, or of each chain's."""
         return (*self.transforms, *(() if self.arm is None else self.arm.tools))
 
-    def need_cameras(self, form: str) -> Mapping[str, Camera]:
-        """The cameras by their labels, at least one, for a format that needs them."""
-        if self.unsized:
+    def need_cameras(self, form: str, size: tuple[int, int] | None = None) -> Mapping[str, Camera]:
+        """The cameras by their labels, at least one, for a format that needs them.
+
+        Args:
+            form: name of the format.
+            size: width and height of the pictures, px, where the result does not say them.
+        """
+        if self.unsized and size is None:
             raise InputError(
                 f"camera {listed(sorted(self.unsized))}, of whose pictures nothing says the size",
                 "a camera with image_width and image_height",
                 file=self.path,
-                hint="correct both in the camera.yaml that was written beside it, and export that "
-                "file; or calibrate with --camera",
+                hint="give it (--picture-size WxH); or calibrate with --camera",
             )
-        if not self.cameras:
+        if size is not None and not self.unsized:
+            problem = "the size of the pictures, which the cameras of the result say themselves"
+            raise InputError(problem, "no --picture-size", file=self.path)
+        width, height = size or (0, 0)
+        told = {
+            label: replace(camera, width=width, height=height)
+            for label, camera in self.unsized.items()
+        }
+        for label, camera in told.items():
+            if not camera.inside(camera.intrinsics[None, 2:4]).all():
+                u, v = camera.intrinsics[2:4]
+                raise InputError(
+                    f"{width} x {height} px, but the principal point of camera {label} at "
+                    f"({u:.0f}, {v:.0f})",
+                    "the size of the pictures that were taken",
+                    where="--picture-size",
+                )
+        if not (self.cameras or told):
             problem = f"no camera, which the format {form} needs"
             raise InputError(problem, "the result of a job with a camera", file=self.path)
-        return self.cameras
+        return {**self.cameras, **told}
 
     def need_transforms(self, form: str) -> tuple[Transform, ...]:
         """`every_transform`, at least one, for a format of poses."""
@@ -239,8 +260,10 @@ def read_result(
         if not (transforms or seen):
             expected = "the result of calibrate, hand-eye, rig, detect, pivot or register"
             raise InputError("a result that cannot be exported", expected, file=path)
-        sized = {name: _camera_of(row, path) for name, row in seen.items() if row.get("width")}
-        return Result(path, None, transforms, sized, data, tuple(seen.keys() - sized.keys()))
+        cameras = {name: _camera_of(row, path) for name, row in seen.items()}
+        sized = {name: camera for name, camera in cameras.items() if camera.width}
+        unsized = {name: camera for name, camera in cameras.items() if not camera.width}
+        return Result(path, None, transforms, sized, data, unsized)
     job: JobSpec | None = None
     model: AnyArm
     if urdf is None:
@@ -316,7 +339,8 @@ def _camera_of(row: Mapping[str, Any], path: Path) -> Camera:
         raise InputError(problem, f"one of {listed([*LENSES])}", file=path)
     by_name = dict(zip(lens.distortion, row.get("distortion", ()), strict=False)) | dict(row)
     values = [numbers(by_name.get(name), (), path, f"camera: {name}") for name in lens.names]
-    width, height = (int(numbers(row.get(side), (), path, side)) for side in ("width", "height"))
+    sides = (row.get(side) or 0 for side in ("width", "height"))
+    width, height = (int(numbers(side, (), path, "width, height")) for side in sides)
     return Camera(width, height, np.array(values, dtype=float), lens=lens)
 
 

@@ -281,8 +281,8 @@ def _size_to_be_corrected(camera: Camera) -> str:
     return (
         "The size of the pictures is not known without a camera file. The file that is written "
         f"states {camera.width} x {camera.height} px, the least that holds all corners: correct "
-        "image_width and image_height in it before another program uses it. X does not depend on "
-        "them."
+        "image_width and image_height in it before another program uses it, or export it with "
+        "--picture-size. X does not depend on them."
     )
 
 

@@ -67,6 +67,8 @@ def test_a_camera_file(tmp_path: Path) -> None:
         tmp_path / "out.yaml"
     )
     np.testing.assert_array_equal(read_camera(out).intrinsics, CAMERA.intrinsics)
+    with pytest.raises(InputError, match="which the cameras of the result say themselves"):
+        write_foreign(read_result(tmp_path / "camera.yaml"), "kalibr", picture_size="800x600")
 
 
 def test_a_size_that_nobody_knows_is_not_made_up(tmp_path: Path) -> None:
@@ -77,8 +79,16 @@ def test_a_size_that_nobody_knows_is_not_made_up(tmp_path: Path) -> None:
     path.write_text(json.dumps(answer))
     read = read_result(path)
     assert read.transforms
-    with pytest.raises(InputError, match=r"nothing says the size.*export that file"):
+    with pytest.raises(InputError, match=r"nothing says the size.*--picture-size WxH"):
         write_foreign(read, "camera-info")
+    for form in ("camera-info", "opencv-camera", "kalibr"):
+        (out,) = write_foreign(read, form, picture_size="800x600").write(tmp_path / "out.yaml")
+        camera = read_camera(out)
+        assert (camera.width, camera.height, camera.lens) == (800, 600, EQUIDISTANT)
+        np.testing.assert_allclose(camera.intrinsics, CAMERA.intrinsics)
+    for size, problem in (("800", "found '800'"), ("400x300", r"principal point.*\(405, 297\)")):
+        with pytest.raises(InputError, match=problem):
+            write_foreign(read, "camera-info", picture_size=size)
     # It is an answer, and no list of poses to be imported.
     form = recognised_format(path)
     assert form is not None

@@ -19,6 +19,22 @@ from suta_calib.measurements.camera import Camera, camera_text, matrix_text
 from suta_calib.measurements.yaml_text import yaml_text
 
 NAME: Final = Option("camera_name", "Name of the camera.", "NAME")
+SIZE: Final = Option(
+    "picture_size",
+    "Width and height of the pictures, in px, where the result does not contain them (hand-eye "
+    "without --camera).",
+    "WxH",
+)
+
+
+def _cameras(result: Result, given: Given, form: str) -> Mapping[str, Camera]:
+    """The cameras, with the size of picture that was given where the result has none."""
+    if not (stated := given.text(SIZE, "")):
+        return result.need_cameras(form)
+    size = re.fullmatch(r"([1-9]\d{0,5})[x×]([1-9]\d{0,5})", stated.replace(" ", ""))
+    if size is None:
+        raise given.refuse(SIZE, repr(stated), "width and height in px, such as 1920x1080")
+    return result.need_cameras(form, (int(size[1]), int(size[2])))
 
 
 class CameraInfoWriter(Writer):
@@ -27,12 +43,12 @@ class CameraInfoWriter(Writer):
     name = "camera-info"
     summary = "camera_info YAML of ROS, which OpenCV can also read"
     example = "results --format camera-info --out camera.yaml"
-    options = (NAME,)
+    options = (NAME, SIZE)
     file = "exported_camera.yaml"
 
     def content(self, result: Result, given: Given) -> bytes:
         """`camera.yaml`, with the matrices of a camera that is not rectified."""
-        label, camera = next(iter(result.need_cameras(self.name).items()))
+        label, camera = next(iter(_cameras(result, given, self.name).items()))
         name = given.text(NAME, _ros_name(label))
         if not name.replace("_", "").replace("/", "").isalnum():
             raise given.refuse(NAME, repr(name), "letters, digits, _ and /")
@@ -40,10 +56,9 @@ class CameraInfoWriter(Writer):
 
     def more(self, result: Result, given: Given) -> Mapping[str, bytes]:
         """A file for every other camera."""
-        del given
         return {
             label: _camera_info(_ros_name(label), camera)
-            for label, camera in [*result.cameras.items()][1:]
+            for label, camera in [*_cameras(result, given, self.name).items()][1:]
         }
 
 
@@ -68,17 +83,17 @@ class OpencvCameraWriter(Writer):
     name = "opencv-camera"
     summary = "camera as OpenCV's FileStorage (YAML)"
     example = "results --format opencv-camera --out camera.yaml"
+    options = (SIZE,)
     file = "exported_opencv_camera.yaml"
 
     def content(self, result: Result, given: Given) -> bytes:
         """Size, matrix, and the coefficients; and their model, for which OpenCV has no key."""
-        del given
-        return _file_storage(next(iter(result.need_cameras(self.name).values())))
+        return _file_storage(next(iter(_cameras(result, given, self.name).values())))
 
     def more(self, result: Result, given: Given) -> Mapping[str, bytes]:
         """A file for every other camera."""
-        del given
-        return {label: _file_storage(camera) for label, camera in [*result.cameras.items()][1:]}
+        others = [*_cameras(result, given, self.name).items()][1:]
+        return {label: _file_storage(camera) for label, camera in others}
 
 
 def _file_storage(camera: Camera) -> bytes:
@@ -97,12 +112,12 @@ class KalibrWriter(Writer):
     name = "kalibr"
     summary = "cameras as a camchain.yaml of kalibr (pinhole with radtan or equidistant)"
     example = "results --format kalibr --camera-name cam0 --out camchain.yaml"
-    options = (NAME,)
+    options = (NAME, SIZE)
     file = "exported_camchain.yaml"
 
     def content(self, result: Result, given: Given) -> bytes:
         """Every camera; its radtan has no k3, so that a lens with one is refused."""
-        cameras = result.need_cameras(self.name)
+        cameras = _cameras(result, given, self.name)
         names = [f"cam{k}" for k in range(len(cameras))]
         if name := given.text(NAME, ""):
             if len(cameras) > 1:
