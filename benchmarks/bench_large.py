@@ -28,6 +28,7 @@ from pathlib import Path
 from time import perf_counter
 from typing import Any
 
+import cv2
 import numpy as np
 from matplotlib import rc_context
 from matplotlib.figure import Figure
@@ -37,10 +38,19 @@ from tables import number_table
 from suta_calib import ArmModel, CalibrationJob, FixedPoint, HandEye
 from suta_calib.arrays import FloatArray, IntArray
 from suta_calib.geometry import quaternion_from_rotation, rotation_from_vector
-from suta_calib.measurements import Samples, read_camera, read_corners, write_samples
+from suta_calib.measurements import (
+    Camera,
+    Chessboard,
+    Samples,
+    read_camera,
+    read_corners,
+    write_board,
+    write_samples,
+)
 from suta_calib.simulation import read_simulation, simulate, write_simulation
 from suta_calib.terms import PoseNoise
 from suta_calib.units import from_deg, from_mm, mm
+from suta_calib.vision import RenderOptions, rendered
 
 ROOT = Path(__file__).parents[1]
 URDF = ROOT / "urdf" / "suta.urdf"
@@ -48,6 +58,8 @@ DISTANCES = ROOT / "data" / "suta"
 CAMERA = ROOT / "examples" / "camera_on_arm"
 PICTURES = 100
 COARSE = 8
+# A camera is calibrated from six pictures at least with a choice of its lens.
+FEW_POSES = 8
 PAGE = Path(__file__).parent / "results" / "large.md"
 FIGURES = PAGE.with_suffix(".json")
 PICTURE = Path(__file__).parents[1] / "docs" / "figures" / "many_rows.svg"
@@ -338,6 +350,31 @@ def _powers(point: IntArray, side: int) -> FloatArray:
     return np.polynomial.chebyshev.chebvander2d(*scaled, [5, 5])
 
 
+def searched(folder: Path, rows: int) -> Sequence[str]:
+    """Pictures of 3840 x 2160 px with a chessboard: a few poses, and noise of its own in each."""
+    board, random = Chessboard(9, 6, 0.03), np.random.default_rng(0)
+    write_board(folder / "board.yaml", board)
+    lens = np.array([2900.0, 2905, 1920, 1075, -0.1, 0.03, 4e-4, -3e-4, 0.0])
+    taken_by, taken = Camera(3840, 2160, lens), []
+    for _ in range(FEW_POSES):
+        pose = np.eye(4)
+        pose[:3, :3] = rotation_from_vector(random.uniform(-0.5, 0.5, 3))
+        ahead = np.append(random.uniform(-0.08, 0.08, 2), random.uniform(0.5, 0.7))
+        pose[:3, 3] = ahead - pose[:3, :3] @ np.mean(list(board.points.values()), axis=0)
+        how = RenderOptions(samples=1, blur=1.5, noise=0.0)
+        taken.append(rendered(board, taken_by, pose, random, how))
+    noise = cv2.randn(np.zeros((2160, 3840), dtype=np.int16), 0, 4)
+    (folder / "pictures").mkdir()
+    for k in range(rows):
+        # Each picture has other noise at each pixel.
+        shifted = np.roll(noise, random.integers(1000, size=2), axis=(0, 1))
+        grey = cv2.add(taken[k % len(taken)], shifted, dtype=cv2.CV_8U)
+        cv2.imwrite(str(folder / "pictures" / f"{k:03d}.jpg"), grey)
+    found = ("--out", str(folder / "corners.csv"), "--camera-out", str(folder / "camera.yaml"))
+    files = (str(folder / "pictures"), "--board", str(folder / "board.yaml"), *found)
+    return (*COMMAND, "detect", *files, "--json")
+
+
 def joints(folder: Path, count: int) -> Sequence[str]:
     """A tracker saw the tip of an arm of many joints; their offsets and lengths are unknown."""
     random, rows = np.random.default_rng(0), 1000
@@ -391,6 +428,8 @@ CASES = (
     Case("pairwise_distance, arrays", 100_000, in_memory, 3.0, 1200, few=225),
     Case("corners in 100 pictures", 100_000, corners, 6.0, 1000, few=3600),
     Case("corners in 100 pictures", 1_000_000, corners, 60.0, 8000, few=3600),
+    # 60 s on two cores, which it uses both.
+    Case("detect, pictures of 4k", 100, searched, 120.0, 2000, few=FEW_POSES),
     Case("joints of an arm", 60, joints, 6.0, 1000, few=6),
 )
 HEADS = ("case", "rows", "start, s", "rows, s", "limit, s", "peak, MB", "limit, MB", "kept")
