@@ -375,11 +375,12 @@ def _chance_of_exact(term: CameraView, view: View, weighed: Weighed) -> float:
     by_pictures = _by_pictures(term, weighed)
     assert by_pictures.covariance is not None
     lens, prior = slice(0, 4), CALIBRATED.stds(view.camera)
+    told = by_pictures.covariance[lens, lens]
     change = (by_pictures.intrinsics - view.camera.intrinsics)[lens]
 
     def surprise(scale: float) -> float:
         """-2 log of the likelihood, with the file off by so much of its prior."""
-        spread = by_pictures.covariance[lens, lens] + np.diag(scale * prior[lens]) ** 2
+        spread = told + np.diag(scale * prior[lens]) ** 2
         return float(np.linalg.slogdet(spread)[1] + change @ np.linalg.solve(spread, change))
 
     return float(expit((surprise(1.0) - surprise(EXACT)) / 2.0))
