@@ -53,6 +53,8 @@ NOT_RUN = {
     "suta-calib tip-map": "8 s; tests/tracking/test_tip_uncertainty.py",
     "suta-calib residual-map": "13 s; tests/analysis/test_residual_map.py",
     "suta-calib calibrate examples": "tests/test_examples.py, tests/test_simulated_examples.py",
+    "suta-calib calibrate robots": "many jobs, made there; tests/fleet",
+    "suta-calib calibrate 'robots": "the same",
     "suta-calib observe examples": "what calibrate asks first; the same",
 }
 # Examples that the pages' commands and lines of Python read.

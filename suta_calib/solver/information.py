@@ -69,12 +69,10 @@ def whitened_rows(problem: Problem, x: FloatArray, sigmas: Sequence[float]) -> l
 
 def kept_rows(problem: Problem, x: FloatArray, sigmas: Sequence[float]) -> list[Rows]:
     """`whitened_rows` that stay as they are when the problem is evaluated elsewhere."""
-    rows = whitened_rows(problem, x, sigmas)
+    kept = ("measured", "residual", "by_pose")
     return [
-        replace(
-            r, line=replace(r.line, residual=r.line.residual.copy(), by_pose=r.line.by_pose.copy())
-        )
-        for r in rows
+        replace(r, line=replace(r.line, **{name: getattr(r.line, name).copy() for name in kept}))
+        for r in whitened_rows(problem, x, sigmas)
     ]
 
 
