@@ -355,13 +355,19 @@ def outcome(one: PictureSet, folds: bool) -> Outcome:
 
 
 def left_out(one: PictureSet) -> FloatArray:
-    """RMS reprojection errors (3,) of all pictures, each predicted without it, px."""
+    """RMS reprojection errors (3,) of all pictures, each predicted without it, px.
+
+    NaN where a fold leaves too few pictures to determine X.
+    """
     count = len(one.hand.image)
     fold, seen = np.random.default_rng(0).permutation(count) % FOLDS, one.seen
     errors: tuple[list[FloatArray], ...] = ([], [], [])
     for k in range(FOLDS):
         rest, out = one.take(fold != k), seen.take(fold == k)
-        (ours,) = rest.solved().cameras
+        try:
+            (ours,) = rest.solved().cameras
+        except SutaCalibError:
+            return np.full(3, np.nan)
         errors[0].append(out.errors(ours.X, ours.Z, ours.camera))
         for which, start in ((1, one.camera), (2, ours.camera)):
             if start is not None:
@@ -403,7 +409,8 @@ def row(outcomes: Sequence[Outcome]) -> list[str]:
     chosen = f"{sum(rights)} of {len(rights)}" if rights else "in the file"
     if not first.right and not rights and len(outcomes) == 1:
         chosen = first.lens
-    left = [rms([o.left_out[k] for o in outcomes if not np.isnan(o.left_out[0])]) for k in range(3)]
+    folded = [each.left_out for each in outcomes if not np.isnan(each.left_out[0])]
+    left = [rms([each[k] for each in folded]) if folded else np.nan for k in range(3)]
     corner_error = rms([each.corner_error for each in outcomes])
     return [
         first.name + (f" ({count})" if count > 1 else ""),
@@ -479,7 +486,10 @@ def main() -> None:
             for case in CASES
             for seed in range(min(given.seeds, case.most))
         ]
-    text = table(list(run(jobs, given.processes)))
+    try:
+        text = table(list(run(jobs, given.processes)))
+    except SutaCalibError as problem:
+        raise SystemExit(str(problem)) from None
     print(text)
     page = given.table or (None if given.folders else TABLE)
     if page is not None:
