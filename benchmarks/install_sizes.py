@@ -20,11 +20,25 @@ from packaging.utils import canonicalize_name
 
 ROOT: Final = Path(__file__).resolve().parents[1]
 TABLE: Final = ROOT / "docs" / "guides" / "installing_table.md"
-PACKAGE: Final = "suta_calib"
+PACKAGE: Final = "suta-calib"
 # For users; the rest are for who develops.
 DEVELOPERS: Final = {"device", "notebooks", "bench", "test", "docs", "release", "dev"}
 # Smaller ones are not named one by one, MB.
 NAMED_FROM: Final = 2.0
+# Direct dependencies without which something is solved all the same, and what needs them.
+WEIGHED: Final = {
+    "matplotlib": "pictures: in every report, and in notebooks",
+    "lxml": "each URDF, with the line of every element for messages",
+    "rich": "tables and progress on the console",
+    "pyyaml": "every job",
+    "anycrc": "`monitor`, `measure`, `guide`, `track`: frames with a checksum",
+    "fpdf2": "`certificate`",
+    "joblib": "`study` on several cores",
+    "jinja2": "every report",
+    "click": "every command",
+    "pyserial": "`monitor`, `measure`, `guide`, `track`: a cable",
+    "pyigtl": "`track --igtl`",
+}
 
 
 def brought(package: str, extras: Iterable[str] = ()) -> set[str]:
@@ -63,6 +77,28 @@ def row(name: str, packages: set[str]) -> str:
     return f"| {name} | {sum(sizes.values()):.0f} | {', '.join(named)} |"
 
 
+def weighed() -> list[str]:
+    """Of the table of what would be saved: each direct dependency without which one can solve."""
+    direct = [
+        each for each in map(Requirement, distribution(PACKAGE).requires or ()) if not each.marker
+    ]
+    plain = brought(PACKAGE)
+    saved = {}
+    for left_out in WEIGHED:
+        others = [
+            brought(each.name, each.extras)
+            for each in direct
+            if canonicalize_name(each.name) != left_out
+        ]
+        gone = plain - {PACKAGE} - set().union(*others)
+        saved[left_out] = sum(map(megabytes, gone))
+    total = sum(map(megabytes, plain))
+    return [
+        f"| {name} | {size:.1f} | {size / total:.1%} | {WEIGHED[name]} |".replace("%", " %")
+        for name, size in sorted(saved.items(), key=lambda item: -item[1])
+    ]
+
+
 def main() -> None:
     """Measure and write."""
     extras = distribution(PACKAGE).metadata.get_all("Provides-Extra") or []
@@ -76,7 +112,11 @@ def main() -> None:
         f"*Python {python}, Linux, versions of `constraints.txt`; "
         "`python benchmarks/install_sizes.py` writes this table. An extra is what comes with it "
         "beside the plain package. Compiled files, some 10 % more, are not counted.*\n\n"
-        "| install | MB | of which, MB |\n|---|--:|---|\n" + "\n".join(rows) + "\n",
+        "| install | MB | of which, MB |\n|---|--:|---|\n" + "\n".join(rows) + "\n\n"
+        "What the plain package would be smaller by without one of these, and what is needed "
+        "for it alone:\n\n| without | MB | of plain | needed by |\n|---|--:|--:|---|\n"
+        + "\n".join(weighed())
+        + "\n",
         encoding="utf-8",
     )
     print(TABLE.read_text(encoding="utf-8"))
