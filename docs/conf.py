@@ -11,6 +11,7 @@ sys.path.insert(0, str(Path(__file__).parent / "_ext"))
 
 import generated
 import name_pages
+import shown_reports
 from repository_pages import relinked
 
 import suta_calib
@@ -33,8 +34,22 @@ exclude_patterns = ["_build", "_ext"]
 html_theme = "furo"
 html_title = "suta_calib"
 html_static_path = ["_static"]
-html_css_files = ["narrow_screens.css"]
+html_css_files = ["narrow_screens.css", "gallery.css"]
+html_js_files = ["versions.js"]
 html_show_sourcelink = False
+html_copy_source = False
+html_search_scorer = str(Path(__file__).parent / "search_order.js")
+templates_path = ["_templates"]
+html_sidebars = {
+    "**": [
+        "sidebar/brand.html",
+        "versions.html",
+        "sidebar/search.html",
+        "sidebar/scroll-start.html",
+        "sidebar/navigation.html",
+        "sidebar/scroll-end.html",
+    ]
+}
 
 myst_enable_extensions = ["dollarmath", "colon_fence", "deflist"]
 myst_heading_anchors = 3
@@ -83,9 +98,16 @@ def linked_here(_: Sphinx, page: str, content: list[str]) -> None:
         content[0] = relinked(content[0], folder, folder)
 
 
+def with_reports(app: Sphinx, failed: Exception | None) -> None:
+    """The examples' reports beside the pages of the site, which link to them."""
+    if failed is None and app.builder.format == "html":
+        shown_reports.write(Path(app.outdir) / "reports")
+
+
 def setup(app: Sphinx) -> None:
     """Write the pages that the package tells of itself before any page is read."""
     name_pages.import_names()
     app.connect("builder-inited", lambda _: generated.write(generated.DOCS / "generated"))
     app.connect("source-read", linked_here)
     app.connect("autodoc-process-signature", short_types)
+    app.connect("build-finished", with_reports)

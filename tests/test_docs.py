@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import dataclasses
 import importlib
+import json
 import re
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -165,9 +166,7 @@ def links(text: str) -> Iterator[str]:
             yield to.partition("#")[0]
 
 
-@pytest.mark.parametrize(
-    "page", [*PAGES, PACKAGE.parent / "docs" / "index.md"], ids=lambda page: page.name
-)
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
 def test_links_lead_somewhere(page: Path) -> None:
     there = {to: (page.parent / to).resolve() for to in links(page.read_text(encoding="utf-8"))}
     assert [to for to, path in there.items() if not path.exists()] == []
@@ -245,3 +244,42 @@ def test_every_statistical_test_is_on_its_page(repository: Path) -> None:
     assert not [name for name in deciding if f"`{name}`" not in page]
     named = re.findall(r"`([a-z_0-9/]+\.py)`", page)
     assert not [name for name in named if not (package / name).is_file()]
+
+
+def test_every_version_of_the_site_is_offered(repository: Path, tmp_path: Path) -> None:
+    with pytest.MonkeyPatch.context() as patch:
+        patch.syspath_prepend(str(repository / "tools"))
+        put = importlib.import_module("site_versions").put
+    built, site = tmp_path / "built", tmp_path / "site"
+    (built / ".doctrees").mkdir(parents=True)
+    (built / "index.html").write_text("first", encoding="utf-8")
+    with pytest.raises(SystemExit, match="gh-pages: expected a version"):
+        put(site, "gh-pages", built)
+    assert [each["preferred"] for each in put(site, "main", built)] == [True]
+    for version in ("1.9.0", "1.10.0", "2.0.0rc1"):
+        put(site, version, built)
+    (built / "index.html").write_text("again", encoding="utf-8")
+    offered = put(site, "1.9.0", built)
+    assert offered == json.loads((site / "versions.json").read_text(encoding="utf-8"))
+    assert [each["version"] for each in offered] == ["main", "2.0.0rc1", "1.10.0", "1.9.0"]
+    assert [each["version"] for each in offered if each["preferred"]] == ["1.10.0"]
+    assert 'url=1.10.0/"' in (site / "index.html").read_text(encoding="utf-8")
+    assert (site / "1.9.0" / "index.html").read_text(encoding="utf-8") == "again"
+    assert (site / "1.10.0" / "index.html").read_text(encoding="utf-8") == "first"
+    assert not (site / "main" / ".doctrees").exists()
+    with pytest.raises(SystemExit, match="found no index"):
+        put(site, "3.0.0", tmp_path)
+
+
+def test_every_picture_is_small_shown_and_made_by_a_script(repository: Path) -> None:
+    docs = repository / "docs"
+    scripts = "".join(file.read_text("utf-8") for file in sorted(docs.glob("figures/*.py")))
+    shown = "".join(page.read_text("utf-8") for page in PAGES)
+    pictures = [
+        file for file in docs.rglob("figures/**/*") if file.suffix in (".png", ".svg", ".webp")
+    ]
+    assert len(pictures) > 10
+    for picture in pictures:
+        assert re.search(rf"\b{picture.stem}\b", scripts), picture
+        assert picture.relative_to(docs).as_posix() in shown, picture
+    assert sum(file.stat().st_size for file in docs.glob("figures/gallery/*")) < 2e6

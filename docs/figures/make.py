@@ -42,7 +42,7 @@ def main() -> None:
     x, y, z, *turn = (values[f"base.{k}"] for k in ("x", "y", "z", "rx", "ry", "rz"))
     calibrated = position @ rotation_from_vector(turn).T + np.array([x, y, z]) - seen
 
-    figure, (above, share) = plt.subplots(1, 2, figsize=(10, 4.6), layout="constrained")
+    figure, (above, share) = plt.subplots(1, 2, figsize=(7.8, 4.0), layout="constrained")
     # One arrow in four, so that single ones can be followed.
     some = np.arange(0, len(seen), 4)
     ends = [seen[some, :2] + MAGNIFIED * error[some, :2] for error in (nominal, calibrated)]
@@ -73,7 +73,7 @@ def main() -> None:
     share.xaxis.set_major_formatter("{x:g}")
     share.set_title(f"{len(seen)} poses of a measured UR5, never fitted")
     share.grid(alpha=0.3)
-    figure.savefig(FOLDER / "ur5.png", dpi=110)
+    figure.savefig(FOLDER / "ur5.png", dpi=140)
 
 
 if __name__ == "__main__":

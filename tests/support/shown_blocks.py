@@ -20,6 +20,8 @@ ROOT = Path(__file__).resolve().parents[2]
 # What people read: the README, and the pages of the site that are written by hand.
 PAGES = (
     ROOT / "README.md",
+    *sorted(ROOT.glob("docs/*.md")),
+    *sorted(ROOT.glob("docs/start/*.md")),
     *sorted(ROOT.glob("docs/tutorials/*.md")),
     *sorted(ROOT.glob("docs/guides/*.md")),
 )
