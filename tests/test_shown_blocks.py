@@ -36,7 +36,7 @@ NOT_RUN = {
     "suta-calib hand-eye data/workcell": "what detect wrote; tests of hand-eye --corners",
     "suta-calib hand-eye poses.csv": "files by name; tests/cli/test_hand_eye_pictures_by_name.py",
     "suta-calib pivot poses.csv": "a reader's own file; the page's first command runs",
-    "suta-calib register ct.csv": "a reader's own files; tests/cli/test_register.py",
+    "suta-calib register ct.csv": "a reader's own files; tests/pose_calibration/test_proof.py",
     "suta-calib certificate pointer": "of the line before; tests/certificate",
     "suta-calib export results": "of the lines before; the tutorials' run",
     "suta-calib init so101": "tests/test_hobby_arm.py runs the page",
