@@ -273,7 +273,8 @@ def test_every_version_of_the_site_is_offered(repository: Path, tmp_path: Path) 
 
 def test_every_picture_is_small_shown_and_made_by_a_script(repository: Path) -> None:
     docs = repository / "docs"
-    scripts = "".join(file.read_text("utf-8") for file in sorted(docs.glob("figures/*.py")))
+    files = (*docs.glob("figures/*.py"), *repository.glob("benchmarks/*.py"))
+    scripts = "".join(file.read_text("utf-8") for file in files)
     shown = "".join(page.read_text("utf-8") for page in PAGES)
     pictures = [
         file for file in docs.rglob("figures/**/*") if file.suffix in (".png", ".svg", ".webp")
