@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +12,7 @@ import pytest
 from cli_job import cli
 from hobby_arms import sheet
 from servo_arms import TICKS, URDF, ServoArm
-from servo_desk import BESIDE, PLACES, TOUCHING, ServoDesk, camera_in
+from servo_desk import BESIDE, PLACES, TOUCHING, ServoDesk, camera_in, pose
 from shown_blocks import SHELL, words
 
 from suta_calib import ArmModel, SolverOptions, solve
@@ -28,7 +29,7 @@ from suta_calib.terms.poses import joint_ranges
 DESK: dict[str, Any] = {"zero_deg": 1.5, "play_deg": 1.5}
 LENSES = pytest.mark.filterwarnings("ignore:.*the lens is taken for")
 # As the tutorial says, mm: RMS over the arms, and the worst of them.
-FIGURES = {"tip_mm": (0.42, 0.67), "wrist_mm": (1.53, 2.35), "front_mm": (1.77, 4.06)}
+FIGURES = {"tip_mm": (0.26, 0.44), "wrist_mm": (0.58, 1.08), "front_mm": (1.25, 2.65)}
 
 
 def test_tip_and_both_cameras_come_from_one_job(tmp_path: Path) -> None:
@@ -150,10 +151,41 @@ def test_the_commands_of_the_tutorial_calibrate_an_arm(
 
 @pytest.mark.slow
 @LENSES
-def test_twenty_arms_keep_the_tutorials_figures(tmp_path: Path) -> None:
+def test_a_camera_that_was_moved_is_named_with_its_row(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Beside the arm, by 7 mm after half of its pictures."""
+    desk = ServoDesk.made(tmp_path / "job", 3, **DESK)
+    before = [*islice(desk.pictures("front"), 30)]
+    moved = pose((5.0, 5.0, 0.0), (0.0, 0.0, 0.0)) @ BESIDE
+    monkeypatch.setattr("servo_desk.BESIDE", moved)
+    desk.saw("front", [*before, *islice(desk.pictures("front"), 30)])
+    found = CalibrationJob.load(desk.job).run().assessment
+    (note,) = [note for note in found.notes if "was moved" in note]
+    assert found.level == "care"
+    assert note.startswith("The camera front was moved by ")
+    assert "samples.csv:32" in note
+
+
+@pytest.mark.slow
+@LENSES
+def test_a_board_that_was_printed_to_fit_the_page_is_named(tmp_path: Path) -> None:
+    """At 97 %, beside a sheet that was measured."""
+    desk = ServoDesk.made(tmp_path / "job", 3, **DESK)
+    desk.stretch = np.array([-0.03, -0.03])
+    for name in ("wrist", "front"):
+        desk.see(name, 60)
+    found = CalibrationJob.load(desk.job).run().assessment
+    assert found.level == "bad"
+    assert any("all lengths of the board" in note and "too long" in note for note in found.notes)
+
+
+@pytest.mark.slow
+@LENSES
+def test_seventeen_arms_keep_the_tutorials_figures(tmp_path: Path) -> None:
     """Tip and cameras as well as it says, and as sure: one in three beyond ±, as it should be."""
     errors, deviations = list[dict[str, float]](), list[float]()
-    for seed in range(20):
+    for seed in range(17):
         desk = ServoDesk.made(tmp_path / f"{seed}", seed, **DESK)
         result = CalibrationJob.load(desk.job).run()
         errors.append(desk.errors(result))
@@ -165,5 +197,5 @@ def test_twenty_arms_keep_the_tutorials_figures(tmp_path: Path) -> None:
         assert np.sqrt(np.mean(of_arms**2)) == pytest.approx(rms, abs=0.05)
         assert of_arms.max() == pytest.approx(worst, abs=0.1)
     assert 0.7 < np.sqrt(np.mean(np.square(deviations))) < 1.2
-    assert np.mean(np.abs(deviations) < 1) == pytest.approx(0.73, abs=0.05)
-    assert np.mean(np.abs(deviations) < 2) == pytest.approx(0.97, abs=0.03)
+    assert np.mean(np.abs(deviations) < 1) == pytest.approx(0.76, abs=0.05)
+    assert np.mean(np.abs(deviations) < 2) == pytest.approx(0.96, abs=0.03)

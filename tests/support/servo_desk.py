@@ -10,6 +10,7 @@ from __future__ import annotations
 import csv
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -33,7 +34,9 @@ from suta_calib.measurements.artefact import write_artefact
 from suta_calib.terms.hand_eye_start import EYE_IN_HAND, EYE_TO_HAND
 from suta_calib.units import deg
 
-TOUCHING = (0.0, -20.0, 45.0, 45.0, 0.0)
+# The hand is held at a slant: hanging straight down, its weight would not take up the play of the
+# wrist.
+TOUCHING = (0.0, -20.0, 45.0, 25.0, 0.0)
 # Places of the sheet; at the last nothing is fitted.
 PLACES = {"table": TABLE, "slope": SLOPE, "aside": ((190.0, -10.0, 25.0), (-8.0, -5.0, 12.0))}
 CAMERA = Camera(1280, 720, np.array([800.0, 800, 639.5, 359.5, 0.05, -0.1, 0, 0, 0]))
@@ -144,7 +147,7 @@ class ServoDesk:
         """True poses of the pen (k, 4, 4)."""
         return np.array([homogeneous(*of) for of in zip(*self.servos.at(q), strict=True)])
 
-    def _pictures(self, name: str) -> Iterator[tuple[FloatArray, FloatArray]]:
+    def pictures(self, name: str) -> Iterator[tuple[FloatArray, FloatArray]]:
         """Postures in which a camera sees the whole board, and the corners that it sees, px."""
         random, middle = self.servos.random, np.radians(SEEN_AT[name])
         points = np.array([*BOARD.points.values()]) * [*(1 + self.stretch), 1]
@@ -168,12 +171,15 @@ class ServoDesk:
 
     def see(self, name: str, pictures: int) -> None:
         """Samples and corners of a camera's pictures, as `measure` and `detect` write them."""
-        taken = [picture for picture, _ in zip(self._pictures(name), range(pictures), strict=False)]
-        images = [f"{k:02}.png" for k in range(pictures)]
+        self.saw(name, [*islice(self.pictures(name), pictures)])
+
+    def saw(self, name: str, taken: Sequence[tuple[FloatArray, FloatArray]]) -> None:
+        """The same of some `pictures`."""
+        images = [f"{k:02}.png" for k in range(len(taken))]
         q = np.array([angles for angles, _ in taken])
         labels = [(image,) for image in images]
         self._write(self.job.parent / name / "samples.csv", ("image",), labels, q)
-        numbers = np.tile(np.array([*BOARD.points]), pictures)
+        numbers = np.tile(np.array([*BOARD.points]), len(taken))
         pixels = np.concatenate([pixel for _, pixel in taken])
         corners = corners_of(np.repeat(images, len(BOARD.points)), numbers, pixels)
         write_corners(self.job.parent / name / "corners.csv", corners)
