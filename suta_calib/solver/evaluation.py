@@ -235,8 +235,8 @@ class Linearised:
     """One block at one point, before whitening.
 
     Attributes:
-        measured: (n, d), of rows that state standard deviations relative to what they state.
-        residual: the same once `SampleErrors` are whitened; like the derivatives.
+        residual: (n, d), of rows that state standard deviations relative to what they state;
+            where there are `SampleErrors`, whitened, like the derivatives.
         pattern: where derivatives belong in the whole Jacobian.
         of_arm: the same of what moves each row's own pose, which moves by this velocity (6·poses,
             parameters): of rows with a lag others than those of the samples.
@@ -246,12 +246,12 @@ class Linearised:
         known_sigma: (n,) the part of it that is known beforehand.
         squared: (n,) squared norm of the whitened residual.
         weight: (n,) Huber's weight, one for rows that are believed entirely.
+        measured: (n, d) the residual before `SampleErrors` are whitened; None where there are none.
     """
 
     view: BlockView
     pattern: RowPattern
     of_arm: tuple[RowPattern, FloatArray]
-    measured: FloatArray
     residual: FloatArray
     by_pose: FloatArray
     by_own: FloatArray
@@ -259,11 +259,13 @@ class Linearised:
     known_sigma: FloatArray
     squared: FloatArray
     weight: FloatArray
+    measured: FloatArray | None = None
 
     @property
     def error(self) -> FloatArray:
         """The residual as it was measured, (n, d) in m or rad: whatever the rows state."""
-        return self.measured * self.view.block.relative
+        residual = self.residual if self.measured is None else self.measured
+        return residual * self.view.block.relative
 
 
 class Evaluation:
@@ -290,7 +292,7 @@ class Evaluation:
         self.arm_count, self.own_count = len(arm_names), own_count
         width = len(self.table.velocity)
         self._at: tuple[int, bytes] | None = None
-        self._found: list[tuple[FloatArray, FloatArray, FloatArray, FloatArray]] = []
+        self._found: list[tuple[FloatArray, FloatArray, FloatArray, FloatArray | None]] = []
         self._kernels = [
             Kernel(v.block, v.first_sample, v.own_columns, width, own_count, clocks=v.clocks)
             for v in views
@@ -329,20 +331,21 @@ class Evaluation:
             if self._at is None:
                 # What is known of the noise stays, so that the cost is one function.
                 every = zip(self._kernels, self._tables, self._found, strict=True)
-                for kernel, table, (*_, by_pose, _) in every:
+                for kernel, table, (_, by_pose, *_) in every:
                     kernel.add_uncertainty(by_pose, table.uncertainty)
             self._at = here
         lines = []
         blocks = zip(self.views, self._kernels, self._tables, sigmas, self._found, strict=True)
-        for view, kernel, table, sigma, (measured, residual, by_pose, by_own) in blocks:
+        for view, kernel, table, sigma, (residual, by_pose, by_own, measured) in blocks:
             spread = kernel.spread(sigma)
             squared = np.einsum("nd,nd->n", residual, residual) / spread**2
             weight = huber_weight(squared, view.threshold / spread)
             lines.append(
                 Linearised(
                     *(view, kernel.pattern, (kernel.of_arm, table.velocity)),
-                    *(measured, residual, by_pose, by_own),
+                    *(residual, by_pose, by_own),
                     *(spread, kernel.known_sigma, squared, weight),
+                    measured,
                 )
             )
         return lines
@@ -481,12 +484,13 @@ class Evaluation:
 
 def _whitened(
     block: Block, found: tuple[FloatArray, FloatArray, FloatArray]
-) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    """A block's residuals as measured; and these and their derivatives, shared errors whitened."""
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray | None]:
+    """Residuals and derivatives, whitened where there are `SampleErrors`; then those measured."""
     if block.sample_errors is None:
-        return found[0], *found
+        return *found, None
     residual, by_pose, by_own = map(block.sample_errors.whitened, found)
-    return found[0], residual, by_pose, by_own
+    # The next evaluation overwrites what was found; what is whitened is new.
+    return residual, by_pose, by_own, found[0].copy()
 
 
 def _corrected(line: Linearised, root: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
