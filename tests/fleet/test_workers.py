@@ -19,7 +19,7 @@ from suta_calib.errors import InputError
 from suta_calib.fleet.workers import Crash, work_through
 
 
-def until(true: Callable[[], object], seconds: float = 60.0) -> None:
+def until(true: Callable[[], object], seconds: float = 500.0) -> None:
     """Wait for it."""
     end = time.monotonic() + seconds
     while not true():
