@@ -69,11 +69,14 @@ def whitened_rows(problem: Problem, x: FloatArray, sigmas: Sequence[float]) -> l
 
 def kept_rows(problem: Problem, x: FloatArray, sigmas: Sequence[float]) -> list[Rows]:
     """`whitened_rows` that stay as they are when the problem is evaluated elsewhere."""
-    kept = ("measured", "residual", "by_pose")
-    return [
-        replace(r, line=replace(r.line, **{name: getattr(r.line, name).copy() for name in kept}))
-        for r in whitened_rows(problem, x, sigmas)
-    ]
+
+    def kept(line: Linearised) -> Linearised:
+        measured = None if line.measured is None else line.measured.copy()
+        return replace(
+            line, residual=line.residual.copy(), by_pose=line.by_pose.copy(), measured=measured
+        )
+
+    return [replace(r, line=kept(r.line)) for r in whitened_rows(problem, x, sigmas)]
 
 
 def block_information(problem: Problem, x: FloatArray, sigmas: Sequence[float]) -> list[FloatArray]:
