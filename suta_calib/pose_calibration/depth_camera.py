@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from itertools import combinations
 from typing import Any, Final, get_args
 
@@ -58,6 +58,7 @@ from suta_calib.terms.hand_eye_start import (
     inverse_poses,
 )
 from suta_calib.terms.poses import MeasuredPoses
+from suta_calib.trust.uncertainty_budget import AS_STATED, Scatter, UncertaintyBudget, pose_budgets
 from suta_calib.units import from_deg, mm, text
 from suta_calib.words import enumerated, listed
 
@@ -65,6 +66,11 @@ from suta_calib.words import enumerated, listed
 SCALE_PPM: Final = GRADES["printed"] / PPM
 # Standard deviations of X from which on it is not known at all, m and rad.
 _OPEN: Final = 50e-3, from_deg(10.0)
+# What is known beforehand, as `State.priors` has it.
+_ASSUMED: Final = (
+    "scale of the camera's lengths, as assumed beforehand",
+    "size of the board, as its file states it",
+)
 _CAUSES: Final = (
     "does each picture belong to the pose with its name, is the quaternion's order x y z w, is the "
     "setup right, and do the poses map from the hand to the base?"
@@ -121,6 +127,8 @@ class DepthCameraCalibration(Displayable, AccuracyOfX, FittedRows):
         points: (k, 3) everything that was seen, outside what carries the camera, m.
         thing_of: (k,) which of the things each point is of.
         wrong: why X must not be used, one sentence each.
+        scatter: how well the scatter behind the covariance is known.
+        by_prior: (6, 6) parts of the covariance, by what is assumed beforehand.
     """
 
     setup: EyeSetup
@@ -136,6 +144,13 @@ class DepthCameraCalibration(Displayable, AccuracyOfX, FittedRows):
     points: FloatArray
     thing_of: IntArray
     wrong: tuple[str, ...] = ()
+    scatter: Scatter = AS_STATED
+    by_prior: Mapping[str, FloatArray] = field(default_factory=dict)
+
+    @property
+    def budgets(self) -> tuple[UncertaintyBudget, ...]:
+        """What the uncertainty of X is made of: its place, and its turn."""
+        return pose_budgets("X", self.covariance, self.scatter, self.by_prior)
 
     @property
     def in_a_line(self) -> str:
@@ -494,6 +509,8 @@ def _answer(
         thing_of=np.concatenate(which),
         notes=notes,
         wrong=wrong,
+        scatter=Scatter(float(fit.freedom), student=True),
+        by_prior={_ASSUMED[k]: part[np.ix_(order, order)] for k, part in enumerate(fit.by_prior)},
     )
 
 

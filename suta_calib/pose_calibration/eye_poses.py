@@ -12,6 +12,7 @@ from suta_calib.assessment import Level
 from suta_calib.geometry.numbers import rpy_from_rotation, skew
 from suta_calib.pose_calibration.robust_answer import exchanged
 from suta_calib.terms.hand_eye_start import EYE_IN_HAND, EYE_TO_HAND, EyeSetup
+from suta_calib.trust.uncertainty_budget import UncertaintyBudget
 from suta_calib.units import deg, from_deg, mm, std_text
 
 Model = Literal["AX=XB", "AX=ZB"]
@@ -89,12 +90,14 @@ class PoseBetween(PoseAccuracy):
         inside: of the one in which it is.
         pose: (4, 4), m.
         std6: (6,) displacement, m, axes of the one in which it is; turn, rad, its own axes.
+        budgets: what these are made of, where the answer tells it.
     """
 
     name: str
     inside: str
     pose: FloatArray
     std6: FloatArray
+    budgets: tuple[UncertaintyBudget, ...] = ()
 
 
 def relative_pose(

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from typing import Final
 
 import numpy as np
@@ -24,6 +24,7 @@ from suta_calib.terms.poses import MeasuredPoses
 from suta_calib.terms.profile_fit import ScanFit, causes, fit_scans, model_of
 from suta_calib.terms.profile_rows import with_profiles
 from suta_calib.terms.profile_start import BallModel, in_scanner
+from suta_calib.trust.uncertainty_budget import AS_STATED, Scatter, UncertaintyBudget, pose_budgets
 from suta_calib.units import from_deg, mm, text
 from suta_calib.words import listed
 
@@ -52,6 +53,8 @@ class LineScannerCalibration(Displayable, AccuracyOfX, FittedRows):
         hand_noise: what the hand seems to err by, one standard deviation, m per axis.
         profiles: (k, 3) points of all profiles on the ball or the plane, in the base, m.
         wrong: why X must not be used, one sentence each.
+        scatter: how well the scatter behind the covariance is known.
+        by_source: (6, 6) parts of the covariance, by what errs; the rest are the profiles' points.
     """
 
     X: FloatArray
@@ -64,6 +67,13 @@ class LineScannerCalibration(Displayable, AccuracyOfX, FittedRows):
     hand_noise: float
     profiles: FloatArray
     wrong: tuple[str, ...] = ()
+    scatter: Scatter = AS_STATED
+    by_source: Mapping[str, FloatArray] = field(default_factory=dict)
+
+    @property
+    def budgets(self) -> tuple[UncertaintyBudget, ...]:
+        """What the uncertainty of X is made of: its place, and its turn."""
+        return pose_budgets("X", self.covariance, self.scatter, shown=self.by_source)
 
     @property
     def seen(self) -> str:
@@ -233,6 +243,11 @@ def _answer(
         profiles=every,
         notes=notes,
         wrong=wrong,
+        scatter=Scatter(float(fit.freedom), student=True),
+        by_source={
+            words: part[np.ix_(order, order)]
+            for words, part in zip(model.sources, fit.by_source, strict=True)
+        },
     )
 
 

@@ -19,8 +19,8 @@ from suta_calib.solver.problem import Problem
 from suta_calib.terms.hand_eye_start import EyeSetup
 from suta_calib.trust.hypotheses.depth_scale import DepthScale
 from suta_calib.trust.hypothesis import Finding
-from suta_calib.trust.uncertainty_budget import UncertaintyBudget, axis_budget
-from suta_calib.units import Unit, text
+from suta_calib.trust.uncertainty_budget import UncertaintyBudget, pose_budgets
+from suta_calib.units import text
 
 
 class DistanceTrend(NamedTuple):
@@ -57,19 +57,25 @@ class LoopAnswer(Displayable, RobustAnswer):
 
     @property
     def budgets(self) -> tuple[UncertaintyBudget, ...]:
-        """What the uncertainty of the first X is made of: its place, and its turn."""
-        freedom = 3.0 * (int(self.inliers.sum()) - self.copies - 2)
+        """What the uncertainty of X is made of: its place, and its turn; of every X and Z by name.
+
+        The poses are those of `covariance`, in its order.
+        """
         added = np.zeros_like(self.covariance) if self.by_scale is None else self.by_scale
-        parts: tuple[tuple[str, Unit, slice], ...] = (
-            ("one coordinate of the position of X", "m", slice(0, 3)),
-            ("a small turn of X about one axis", "rad", slice(3, 6)),
-        )
         return tuple(
-            axis_budget(
-                of, unit, self.covariance[at, at], freedom, {"scale of what is seen": added[at, at]}
+            budget
+            for k, name in enumerate(self.posed)
+            for at in [slice(6 * k, 6 * k + 6)]
+            for budget in pose_budgets(
+                *(name, self.covariance[at, at], self.scatter),
+                {"scale of what is seen": added[at, at]},
             )
-            for of, unit, at in parts
         )
+
+    @property
+    def posed(self) -> tuple[str, ...]:
+        """Poses that have a budget, by name."""
+        return ("X",)
 
     @property
     def rms_angle(self) -> float:

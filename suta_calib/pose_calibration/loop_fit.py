@@ -134,6 +134,7 @@ class LoopFit:
             "examination": self.examination,
             "weighed": self.weighed,
             "numbers": self.numbers,
+            "scatter": self.fit.scatter,
         }
 
 

@@ -142,6 +142,12 @@ class ManyEyesCalibration(LoopAnswer):
         place, turn = self.noise[1 + eye].tolist()
         return place, turn
 
+    @property
+    def posed(self) -> tuple[str, ...]:
+        """Every X, then every Z, by name."""
+        X = (f"X of {name}" for name in self.sight.eyes)
+        return (*X, *(f"Z of {name}" for name in self.sight.targets))
+
     def relative(self, first: str, second: str) -> tuple[FloatArray, FloatArray]:
         """``T_first_second`` (4, 4) of two eyes, m, and its standard deviations (6,), m and rad.
 

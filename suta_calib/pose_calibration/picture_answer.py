@@ -37,6 +37,7 @@ from suta_calib.terms.board_pictures import QUOTED, TURNED
 from suta_calib.terms.hand_eye_start import EYE_IN_HAND, EyeSetup
 from suta_calib.terms.intrinsics import CALIBRATED
 from suta_calib.terms.lens_choice import LensChoice
+from suta_calib.trust.uncertainty_budget import Scatter, UncertaintyBudget, pose_budgets
 from suta_calib.units import std_text
 from suta_calib.words import listed
 
@@ -72,6 +73,7 @@ class CameraEstimate(Displayable, EyePoses):
         label: its name.
         target: label of the board that it saw.
         setup, X, Z, covariance: as in `EyePoses`; the target is the board.
+        by_file: (12, 12) the part of the covariance that the ± of the camera's file makes.
         camera: intrinsics as they were found, with their covariance; without it where they were
             held.
         given: as they were given, or None.
@@ -115,6 +117,7 @@ class CameraEstimate(Displayable, EyePoses):
     X: FloatArray
     Z: FloatArray
     covariance: FloatArray
+    by_file: FloatArray
     camera: Camera
     given: Camera | None
     same_corners: bool
@@ -139,6 +142,14 @@ class CameraEstimate(Displayable, EyePoses):
     markers: Markers | None
     marker_notes: tuple[str, ...]
     turned: Mapping[str, tuple[str, ...]]
+
+    def budgets(self, name: str) -> tuple[UncertaintyBudget, ...]:
+        """What the uncertainty of X, called ``name``, is made of: its place, and its turn."""
+        stated = {"intrinsics, as the camera's file states them": self.by_file[:6, :6]}
+        # Poses of X and Z; what their noise may be is in the covariance.
+        freedom = WAYS * int(self.inliers.sum()) - 12
+        scatter = Scatter(float(max(freedom, 1)), student=True)
+        return pose_budgets(name, self.covariance[:6, :6], scatter, stated)
 
     @property
     def rms(self) -> float:

@@ -107,6 +107,7 @@ class Weighed:
         levels: logarithms of what scatters, as `Likelihood` has them.
         chosen: the model of the hand's errors.
         hands: poses of the hand, with what they share if they do.
+        by_files: (n, n) the part of the covariance that what is known of the cameras makes.
     """
 
     names: tuple[str, ...]
@@ -119,6 +120,7 @@ class Weighed:
     levels: FloatArray
     chosen: Chosen
     hands: Hands
+    by_files: FloatArray
 
     @property
     def values(self) -> dict[str, float]:
@@ -253,10 +255,16 @@ def weigh_pictures(
     )
     estimated = np.ix_(free, free)
     every, of_alone, by_pictures = np.zeros((len(x),) * 2), np.zeros((len(x),) * 2), x.copy()
+    known = likelihood.known.at(np.exp(eta[cameras + 2 :]))[:count]
+    by_files, told = np.zeros_like(every), here.covariance[:count, :count]
+    by_files[estimated] = told * known @ told
     every[estimated], of_alone[estimated] = chosen.covariance, told_covariance[:count, :count]
     by_pictures[free] += (untold.step - here.step)[:count]
     x[free] += chosen.change
-    return Weighed(problem.names, x, every, noise, free, by_pictures, of_alone, eta, chosen, hands)
+    return Weighed(
+        *(problem.names, x, every, noise, free, by_pictures, of_alone, eta, chosen, hands),
+        by_files=by_files,
+    )
 
 
 def _with_shared(estimate: _Settled, hands: Hands) -> FloatArray | None:

@@ -562,14 +562,15 @@ def _camera_estimate(
         camera = replace(
             camera, intrinsics=freed.x[of].copy(), covariance=freed.covariance[np.ix_(of, of)]
         )
-    chance_held = 1.0
+    chance_held, by_file = 1.0, weighed.by_files[np.ix_(at, at)]
     if not term.free and view.camera is not None:
         chance_held = chance_of_held(view.camera, by_pictures)
         at_freed = [freed.names.index(weighed.names[k]) for k in at]
         # X follows the errors of the file, as large as it states them, or as the pictures show.
         if view.camera.covariance is not None:
             slope = _slope(freed.covariance, at_freed, of)
-            covariance = covariance + slope @ view.camera.covariance @ slope.T
+            by_file = slope @ view.camera.covariance @ slope.T
+            covariance = covariance + by_file
         if chance_held < FALSE_ALARM:
             away = freed.free_estimate[at_freed] - weighed.x[at]
             covariance = covariance + np.outer(away, away)
@@ -600,6 +601,7 @@ def _camera_estimate(
         X=homogeneous(*X),
         Z=homogeneous(*Z),
         covariance=jacobian @ covariance @ jacobian.T,
+        by_file=jacobian @ by_file @ jacobian.T,
         camera=camera,
         given=view.camera,
         same_corners=same_corners,

@@ -74,13 +74,14 @@ class PivotCalibration(Displayable, RobustAnswer):
         by_scale = self.scale_ppm * PPM * self.tip
         # What a tip that bends adds is known as one number for all axes.
         bending = np.eye(3) * self.by_bending**2 / 3.0
-        freedom = 3.0 * (int(self.inliers.sum()) - 1 - len(self.posts))
         stated = {
             f"scale of the tracker ({self.scale_ppm:g} ppm)": np.outer(by_scale, by_scale),
             "a tip that bends as the tool tilts": bending,
         }
         of = "one coordinate of the tip in the tool"
-        return axis_budget(of, "m", self.covariance[:3, :3], freedom, stated)
+        return replace(
+            axis_budget(of, "m", self.covariance[:3, :3], self.scatter, stated), name="tip"
+        )
 
     @property
     def in_a_line(self) -> str:
@@ -311,6 +312,7 @@ def calibrate_pivot(
         examination=answer,
         weighed=tuple(weighed),
         rule=rule,
+        scatter=fit.scatter,
     )
 
 

@@ -39,6 +39,7 @@ from suta_calib.trust.hypotheses.scaled_points import ScaledPoints
 from suta_calib.trust.hypotheses.strained_points import StrainedPoints
 from suta_calib.trust.hypothesis import weigh
 from suta_calib.trust.rule import Rule
+from suta_calib.trust.uncertainty_budget import UncertaintyBudget, pose_budgets
 from suta_calib.units import from_deg, mm, std_text, text
 
 DEFORMED: Final = (ScaledPoints.name, StrainedPoints.name)
@@ -205,6 +206,18 @@ class Registration(Displayable, RobustAnswer):
     def target_error(self, points: ArrayLike) -> FloatArray:
         """Expected root mean square target registration error (n,), m, at points of frame a."""
         return np.asarray(np.sqrt(np.trace(self.target_covariance(points), axis1=1, axis2=2)))
+
+    @property
+    def budgets(self) -> tuple[UncertaintyBudget, ...]:
+        """What the uncertainty of ``T_b_a`` is made of: the place of a's origin, and the turn."""
+        lever = np.pad(self.position - self.centre, (0, 3))
+        far, ppm = np.outer(lever, lever), self.scale_ppm
+        stated = {f"scale between the two sets ({ppm:g} ppm)": (ppm * PPM) ** 2 * far}
+        suggested = "scale between the two sets, as the points suggest it"
+        shown = {suggested: (self.scale - 1.0) ** 2 * far} if self._scale_doubtful else {}
+        covariance = self.covariance.copy()
+        covariance[:3, :3] = self.target_covariance(np.zeros((1, 3)))[0]
+        return pose_budgets("T_b_a", covariance, self.scatter, stated, shown)
 
     @property
     def origin_std(self) -> FloatArray:
@@ -409,6 +422,7 @@ def register(
         examination=answer,
         weighed=tuple(weighed),
         rule=rule,
+        scatter=fit.scatter,
     )
 
 

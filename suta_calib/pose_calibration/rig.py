@@ -7,6 +7,7 @@ errors of all pictures are minimised at once (`rig_fit`).
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -32,6 +33,7 @@ from suta_calib.terms.board_pictures import BoardPictures
 from suta_calib.terms.hand_eye_start import HALF_TURN, Poses
 from suta_calib.terms.intrinsics import CALIBRATED, HELD, prior_beside
 from suta_calib.terms.misread_pictures import check_files
+from suta_calib.trust.uncertainty_budget import Scatter, pose_budgets
 from suta_calib.words import listed
 
 # Pictures that a sentence names.
@@ -75,12 +77,14 @@ class RigCalibration:
             first) and turn (rad, own axes) of each, without that of the scale.
         scale: relative standard deviation of all lengths, which the board carries.
         instants: number of instants at which two cameras or more saw the board.
+        freedom: degrees of freedom of the scatter behind the covariance.
     """
 
     cameras: tuple[RigCamera, ...]
     covariance: FloatArray
     scale: float
     instants: int
+    freedom: float = math.inf
 
     @property
     def rms(self) -> float:
@@ -94,9 +98,16 @@ class RigCalibration:
         rows = np.concatenate([6 * camera + np.arange(6) for camera in (a, b)])
         poses = self.cameras[a].T_first, self.cameras[b].T_first
         pose, covariance = relative_pose(*poses, self.covariance[np.ix_(rows, rows)])
-        variance = np.diag(covariance).copy()
-        variance[:3] += (self.scale * pose[:3, 3]) ** 2
-        return PoseBetween(second, first, pose, np.sqrt(np.maximum(variance, 0.0)))
+        by_scale = np.pad(self.scale * pose[:3, 3], (0, 3))
+        covariance, scaled = covariance + np.outer(by_scale, by_scale), np.outer(by_scale, by_scale)
+        budgets = pose_budgets(
+            f"camera {second}",
+            covariance,
+            Scatter(self.freedom),
+            {f"size of the board ({1e6 * self.scale:,.0f} ppm)": scaled},
+        )
+        std = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+        return PoseBetween(second, first, pose, std, budgets)
 
     @cached_property
     def others(self) -> tuple[PoseBetween, ...]:
@@ -225,6 +236,7 @@ def rig_from_pictures(
         _of_poses(problem, state, covariance),
         board.length_scale.std,
         int((problem.there.any(axis=2).sum(axis=0) > 1).sum()),
+        problem.freedom,
     )
 
 

@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Final
 
 import numpy as np
 
@@ -18,6 +19,9 @@ from suta_calib.geometry.lens import Lens
 from suta_calib.geometry.lens_slopes import pixel_slopes
 from suta_calib.geometry.numbers import rotation_from_vector, skew
 from suta_calib.terms.bundle import Bundle, PictureEquations, corner_weights
+
+# Instants that tell by themselves how much they scatter.
+ENOUGH: Final = 8
 
 
 @dataclass(frozen=True, eq=False)
@@ -181,23 +185,28 @@ class RigProblem(Bundle[RigState]):
         """The same without pictures (c, n)."""
         return replace(self, pixels=np.where(pictures[..., None, None], np.nan, self.pixels))
 
+    @property
+    def freedom(self) -> float:
+        """Degrees of freedom of the scatter behind the `covariance`."""
+        instants = self.there.shape[1]
+        if instants >= ENOUGH:
+            return float(instants - 1)
+        return float(max(2 * int(self.there.sum()) - self.shared - 6 * instants, 1))
+
     def covariance(self, at: RigState) -> FloatArray:
         """(g, g) of the shared unknowns, by what they change if an instant is left out (jackknife).
 
         Errors of one instant, such as of a board that bends, may be alike; no two instants share
         them. Of few instants it is that of corners that err independently.
         """
-        # Instants that tell by themselves how much they scatter.
-        enough = 8
         errors = self.errors(at)
         assert errors is not None
         weight = self.weights(errors)
         equations = self.equations(at, errors, weight).eliminated()
         curvature, (by_instant, slopes) = equations.curvature, equations.of_picture
         instants = len(at.position)
-        if instants < enough:
-            free = 2 * int(self.there.sum()) - self.shared - 6 * instants
-            scatter = float(np.sum(weight[..., None] * errors**2)) / max(free, 1)
+        if instants < ENOUGH:
+            scatter = float(np.sum(weight[..., None] * errors**2)) / self.freedom
             return np.asarray(scatter * np.linalg.pinv(curvature, hermitian=True))
         changes = np.stack(
             [

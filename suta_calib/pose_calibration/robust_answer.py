@@ -21,6 +21,7 @@ from suta_calib.trust.hypotheses.moved_at_a_row import Moved
 from suta_calib.trust.hypotheses.outlier_block import OutlierBlock
 from suta_calib.trust.hypothesis import Finding
 from suta_calib.trust.rule import Rule
+from suta_calib.trust.uncertainty_budget import AS_STATED, Scatter
 from suta_calib.units import text
 from suta_calib.words import listed
 
@@ -99,6 +100,7 @@ class RobustAnswer(FittedRows):
         examination: the answer, prepared for the hypotheses about wrong data.
         weighed: the evidence on every hypothesis about wrong data, supported or not.
         rule: when evidence is reported.
+        scatter: how well the scatter behind the covariance is known.
     """
 
     solution: Solution
@@ -107,6 +109,7 @@ class RobustAnswer(FittedRows):
     examination: Examination | None = None
     weighed: tuple[Finding, ...] = ()
     rule: Rule = Rule()
+    scatter: Scatter = AS_STATED
 
     def evidence(self, hypothesis: str) -> Evidence | None:
         """On a hypothesis by its name; None where it was not tested."""

@@ -39,6 +39,7 @@ from suta_calib.terms.term import Term
 from suta_calib.trust.evidence import Evidence, log_ways
 from suta_calib.trust.examination import Examination, MeasuredRows
 from suta_calib.trust.serial_correlation import blocks, correlation_length
+from suta_calib.trust.uncertainty_budget import AS_STATED, Scatter
 
 # Rows from which on each may speak for its own scatter.
 MANY_ROWS: Final = 30
@@ -66,6 +67,7 @@ class RobustFit:
             what is known to be in them, by block, each (inliers, 3), if given.
         agreement: of the first block's residuals with the scatter that was stated of it; None
             where nothing was.
+        scatter: how well the scatter behind the covariance is known.
     """
 
     solution: Solution
@@ -75,6 +77,7 @@ class RobustFit:
     sigmas: tuple[float, ...]
     spread: Callable[[Sequence[FloatArray]], FloatArray]
     agreement: Agreement | None = None
+    scatter: Scatter = AS_STATED
 
     @cached_property
     def covariance(self) -> FloatArray:
@@ -289,7 +292,7 @@ def _settled(
         agreement = Agreement.of(misfit, float(left[0]))
         # What rows have in common leaves no residual: no less than what is stated is believed.
         if not agreement.too_large:
-            truly, uncertain = np.array([stated]), 1.0
+            truly, uncertain, freedom = np.array([stated]), 1.0, math.inf
     # Weights that differ much leave a few rows to speak for themselves: too few for a sandwich.
     many = stated is None and clusters >= MANY_ROWS
 
@@ -301,7 +304,8 @@ def _settled(
 
     none = np.zeros_like(inliers)
     scatters = tuple(float(s) for s in levels)
-    return RobustFit(solution, residuals, inliers, none, scatters, spread, agreement)
+    known = Scatter(freedom, uncertain > 1.0)
+    return RobustFit(solution, residuals, inliers, none, scatters, spread, agreement, known)
 
 
 def _effective_parameters(solution: Solution) -> FloatArray:

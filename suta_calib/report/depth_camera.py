@@ -24,6 +24,7 @@ from suta_calib.report.poses import (
     pose_table,
     residuals_file,
 )
+from suta_calib.report.uncertainty import budget_record
 from suta_calib.units import deg, mm, text
 
 CALIBRATION: Final = Listing[DepthCameraCalibration](
@@ -109,6 +110,7 @@ def depth_camera_document(calibration: DepthCameraCalibration, data: HandPoses) 
         "covariance": covariance_record(
             calibration.covariance, [f"X.{key}" for key in PLACEMENT], "m, rad"
         ),
+        "uncertainty": [budget_record(budget) for budget in calibration.budgets],
         "input": str(data.path),
     }
     verdict, title = calibration.assessment, "Hand-eye calibration of a depth camera"

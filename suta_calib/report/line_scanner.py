@@ -21,6 +21,7 @@ from suta_calib.report.poses import (
     pose_table,
     residuals_file,
 )
+from suta_calib.report.uncertainty import budget_record
 from suta_calib.units import mm, text, with_std
 
 CALIBRATION: Final = Listing[LineScannerCalibration](
@@ -78,6 +79,7 @@ def line_scanner_document(calibration: LineScannerCalibration, data: ScanPoses) 
         "covariance": covariance_record(
             calibration.covariance, [f"X.{key}" for key in PLACEMENT], "m, rad"
         ),
+        "uncertainty": [budget_record(budget) for budget in calibration.budgets],
         "input": str(data.path),
     }
     verdict = calibration.assessment

@@ -28,6 +28,7 @@ from suta_calib.report.poses import (
     pose_std_record,
     residuals_file,
 )
+from suta_calib.report.uncertainty import budget_record
 from suta_calib.units import text
 from suta_calib.words import listed
 
@@ -158,6 +159,7 @@ def many_eyes_document(calibration: ManyEyesCalibration, data: PosePairs) -> Doc
         **({} if noise is None else {"hand_noise": _noise_record(noise[0].tolist())}),
         **fitted_rows(calibration, data.lines),
         "covariance": covariance_record(calibration.covariance, order, "m, rad"),
+        "uncertainty": [budget_record(budget) for budget in calibration.budgets],
         "input": str(data.path),
     }
     about = NAME, "Hand-eye calibration of several eyes and targets", calibration.assessment

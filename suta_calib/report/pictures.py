@@ -34,6 +34,7 @@ from suta_calib.report.poses import (
     pose_std_record,
 )
 from suta_calib.report.svg import picture, svg_text
+from suta_calib.report.uncertainty import budget_record
 from suta_calib.terms.hand_eye_start import EYE_IN_HAND
 from suta_calib.units import NOTHING, Unit, deg, mm, text
 from suta_calib.words import listed
@@ -161,6 +162,13 @@ def picture_document(
             "inliers": sum(counts) - sum(lost),
             "outliers": sum(lost),
         },
+        "uncertainty": [
+            budget_record(budget)
+            for camera in calibration.cameras
+            for budget in camera.budgets(
+                f"X of {calibration.name_of(camera)}" if several or named else "X"
+            )
+        ],
         "input": str(data.path),
     }
     title = "Hand-eye calibration from pictures"

@@ -23,6 +23,7 @@ from suta_calib.report.poses import (
     pose_table,
     residuals_file,
 )
+from suta_calib.report.uncertainty import budget_record
 from suta_calib.units import std_text, text
 
 NAME: Final = "register"
@@ -120,6 +121,7 @@ def register_document(
         "covariance": covariance_record(
             registration.covariance, PLACEMENT, "m, rad; at the centre, axes of b"
         ),
+        "uncertainty": [budget_record(budget) for budget in registration.budgets],
         "input": {"a": str(a.path), "b": str(b.path)},
     }
     if registration.stated is not None:

@@ -17,6 +17,7 @@ from suta_calib.report.document import Document, File, Part, Text
 from suta_calib.report.listing import Column, Json, Listing, shown_as
 from suta_calib.report.many_eyes import BETWEEN
 from suta_calib.report.poses import between_record, pose_record
+from suta_calib.report.uncertainty import budget_record
 from suta_calib.words import listed
 
 NAME: Final = "rig"
@@ -66,6 +67,7 @@ def rig_document(calibration: RigCalibration) -> Document:
         "instants": calibration.instants,
         "scale_ppm": 1e6 * calibration.scale,
         "reprojection_rms_px": calibration.rms,
+        "uncertainty": [budget_record(b) for one in calibration.others for b in one.budgets],
     }
     title = "Poses between cameras"
     return Document(NAME, title, calibration.assessment, parts, record, "result")

@@ -16,13 +16,14 @@ def _contributions(unit: Unit) -> Listing[Contribution]:
         Column("evaluation", "type"),
         Column("std", "standard uncertainty", unit=unit),
         Column("freedom", "degrees of freedom", form=".0f"),
+        Column("student"),
         strong=lambda row: row.evaluation == "A, B",
     )
 
 
 _BUDGET: Final = Listing[UncertaintyBudget](
     "",
-    *written("of"),
+    *written("of", "name"),
     Column("std", unit=lambda row: row.unit),
     Column("freedom"),
     Column("coverage_factor", value=lambda row: row.factor),

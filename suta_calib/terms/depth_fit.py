@@ -152,6 +152,12 @@ class DepthFit:
     sums: PictureSums
 
     @property
+    def by_prior(self) -> list[FloatArray]:
+        """The part of the covariance (p, p) that each of the priors makes."""
+        columns = [(self.covariance[:, prior.column], prior.std) for prior in self.state.priors]
+        return [np.outer(column, column) / std**2 for column, std in columns]
+
+    @property
     def scale_by_data(self) -> tuple[float, float]:
         """The scale as the pictures alone have it, and its standard deviation."""
         variance = float(self.covariance[SCALE, SCALE])

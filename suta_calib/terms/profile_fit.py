@@ -82,6 +82,7 @@ class ScanFit:
         levels: (2,) standard deviations of the two sources of noise.
         covariance: (3 + k, 3 + k) of a turn of X about its own axes and of all else.
         freedom: numbers that the scans give beyond the unknowns.
+        by_source: (2, 3 + k, 3 + k) the parts of the covariance that the two sources make.
         turned: (n,) scans that were not fitted because x of their profile is reversed.
     """
 
@@ -91,6 +92,7 @@ class ScanFit:
     levels: FloatArray
     covariance: FloatArray
     freedom: int
+    by_source: FloatArray
     turned: BoolArray
 
     @property
@@ -208,12 +210,18 @@ def _settled(model: ScanModel, state: Answers, inliers: BoolArray) -> ScanFit:
     state = _weighed(agreeing, state, levels)
     residual, slope = agreeing.residuals(state)
     free = agreeing.free(state)
-    inner = _information(slope[0] @ free, np.linalg.inv(_total(agreeing, state, levels)))
+    J, weight = slope[0] @ free, np.linalg.inv(_total(agreeing, state, levels))
+    inner = _inverse(_information(J, weight))
     freedom = residual[0].size - free.shape[1]
     # The noise of few scans is itself uncertain: errors in units of it have Student's variance.
     student = freedom / (freedom - 2.0) if freedom > 2 else 3.0
-    covariance = student * free @ _inverse(inner) @ free.T
-    return ScanFit(model, state, inliers, levels, covariance, freedom, np.zeros_like(inliers))
+    covariance = student * free @ inner @ free.T
+    by_source = [
+        student * free @ inner @ _information(J, weight @ one @ weight) @ inner @ free.T
+        for one in levels[:, None, None, None] ** 2 * agreeing.noise(state)
+    ]
+    none = np.zeros_like(inliers)
+    return ScanFit(model, state, inliers, levels, covariance, freedom, np.array(by_source), none)
 
 
 def _information(slope: FloatArray, weight: NDArray[Any]) -> FloatArray:

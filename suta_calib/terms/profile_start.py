@@ -14,7 +14,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, field
-from typing import Final, Self
+from typing import ClassVar, Final, Self
 
 import numpy as np
 
@@ -50,6 +50,8 @@ class ScanModel(ABC):
     scale: float
     # (n, d, d) covariance of what a profile shows, by the scatter of its points, m².
     scatter: FloatArray
+    # The two sources of noise, in words.
+    sources: ClassVar[tuple[str, str]]
 
     @abstractmethod
     def take(self, rows: IntArray) -> Self:
@@ -145,6 +147,8 @@ class ScanModel(ABC):
 
 class BallModel(ScanModel):
     """A ball of which arcs (n, 3) were seen: centre x and z, and radius; rest t, s (and R)."""
+
+    sources = "position errors of the hand", "form errors of the ball and of the scanner"
 
     def __init__(
         self, hand: Poses, arcs: FloatArray, radius: float | None, scatter: FloatArray | None = None
@@ -264,6 +268,8 @@ class BallModel(ScanModel):
 
 class PlaneModel(ScanModel):
     """A plane of which pieces of lines (n, 2, 3) were seen; rest t, the normal, and z."""
+
+    sources = "position errors of the hand", "turn errors of the hand"
 
     def __init__(self, hand: Poses, ends: FloatArray, scatter: FloatArray | None = None) -> None:
         self.hand, self.ends = hand, ends

@@ -11,7 +11,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from types import MappingProxyType
 from typing import Final, Literal
 
 import numpy as np
@@ -38,6 +39,24 @@ SOURCES: Final[dict[Source, tuple[str, Evaluation]]] = {
     "seating": ("seats and links that keep their URDF values", "B"),
     "sensors": ("noise of the tilt sensors", "B"),
 }
+NOTHING: Final[Mapping[str, FloatArray]] = MappingProxyType({})
+STATED: Final = "standard deviations that the files state"
+
+
+@dataclass(frozen=True)
+class Scatter(Displayable):
+    """How well the scatter behind a covariance is known.
+
+    Attributes:
+        freedom: degrees of freedom; infinite where somebody states the scatter.
+        student: whether the covariance has Student's variance for them already.
+    """
+
+    freedom: float = math.inf
+    student: bool = False
+
+
+AS_STATED: Final = Scatter()
 
 
 @dataclass(frozen=True)
@@ -49,12 +68,20 @@ class Contribution(Displayable):
         evaluation: ``A``, from scatter; ``B``, from what somebody states; both in a sum.
         std: its part of the standard uncertainty, in the unit of the budget.
         freedom: degrees of freedom behind it; infinite for a statement.
+        student: whether the standard uncertainty is that of Student's distribution, and so √(ν/(ν -
+            2)) times what scatters (JCGM 101:2008, 6.4.9.4): twice it covers what it should.
     """
 
     source: str
     evaluation: Evaluation
     std: float
     freedom: float = math.inf
+    student: bool = False
+
+    @property
+    def uncertain(self) -> float:
+        """Degrees of freedom that a coverage factor must still allow for."""
+        return math.inf if self.student else self.freedom
 
 
 @dataclass(frozen=True)
@@ -65,11 +92,13 @@ class UncertaintyBudget(Displayable):
         of: the measurand.
         unit: of the standard uncertainties.
         contributions: of every source that adds something.
+        name: of what the measurand belongs to, for keys.
     """
 
     of: str
     unit: Unit
     contributions: tuple[Contribution, ...]
+    name: str = ""
 
     @property
     def std(self) -> float:
@@ -78,8 +107,11 @@ class UncertaintyBudget(Displayable):
 
     @property
     def freedom(self) -> float:
-        """Effective degrees of freedom, by Welch and Satterthwaite (JCGM 100:2008, G.4.1)."""
-        told = sum(part.std**4 / part.freedom for part in self.contributions)
+        """Effective degrees of freedom, by Welch and Satterthwaite (JCGM 100:2008, G.4.1).
+
+        Those that a standard uncertainty allows for already (`Contribution.student`) do not count.
+        """
+        told = sum(part.std**4 / part.uncertain for part in self.contributions)
         return self.std**4 / told if told else math.inf
 
     @property
@@ -155,11 +187,16 @@ def tip_budget(solution: Solution, unknowns: float) -> UncertaintyBudget | None:
     # A nanometre: what no arm shows.
     told = tuple(part for part in parts if part.std > 1e-9)
     of = "one coordinate of the tip, relative to the others (RMS of the fitted postures)"
-    return UncertaintyBudget(of, "m", told) if told else None
+    return UncertaintyBudget(of, "m", told, "tip") if told else None
 
 
 def axis_budget(
-    of: str, unit: Unit, covariance: FloatArray, freedom: float, stated: Mapping[str, FloatArray]
+    of: str,
+    unit: Unit,
+    covariance: FloatArray,
+    scatter: Scatter,
+    stated: Mapping[str, FloatArray] = NOTHING,
+    shown: Mapping[str, FloatArray] = NOTHING,
 ) -> UncertaintyBudget:
     """The budget of one coordinate of a vector, root mean square over its axes.
 
@@ -167,21 +204,57 @@ def axis_budget(
         of: the measurand.
         unit: of the vector.
         covariance: (k, k) of the vector.
-        freedom: degrees of freedom of the scatter behind it.
+        scatter: how well what is not stated is known.
         stated: (k, k) part of the covariance by each source that somebody states.
+        shown: likewise by sources that scatter shows apart from the rest.
     """
-    parts = {source: float(np.trace(part)) for source, part in stated.items()}
-    scatter = max(float(np.trace(covariance)) - sum(parts.values()), 0.0)
-    name, kind = SOURCES["scatter"]
+    parts = {**shown, **stated}
+    left = max(float(np.trace(covariance - sum(parts.values()))), 0.0)
+    name, kind = SOURCES["scatter"] if math.isfinite(scatter.freedom) else (STATED, "B")
+    known = max(scatter.freedom, 1.0), scatter.student
 
     def per_axis(variance: float) -> float:
         return math.sqrt(variance / len(covariance))
 
     contributions = [
-        Contribution(name, kind, per_axis(scatter), max(freedom, 1.0)),
-        *(Contribution(source, "B", per_axis(part)) for source, part in parts.items()),
+        Contribution(name, kind, per_axis(left), *known),
+        *(Contribution(source, "A", per_axis(np.trace(p)), *known) for source, p in shown.items()),
+        *(Contribution(source, "B", per_axis(np.trace(p))) for source, p in stated.items()),
     ]
     return UncertaintyBudget(of, unit, tuple(part for part in contributions if part.std > 0.0))
+
+
+def pose_budgets(
+    pose: str,
+    covariance: FloatArray,
+    scatter: Scatter,
+    stated: Mapping[str, FloatArray] = NOTHING,
+    shown: Mapping[str, FloatArray] = NOTHING,
+) -> tuple[UncertaintyBudget, ...]:
+    """The budgets of a coordinate of a pose's position, and of a small turn.
+
+    Args:
+        pose: its name.
+        covariance: (6, 6) displacement, m, and turn, rad.
+        scatter: as in `axis_budget`.
+        stated: (6, 6) likewise.
+        shown: (6, 6) likewise.
+    """
+    of: tuple[tuple[str, Unit, slice], ...] = (
+        (f"one coordinate of the position of {pose}", "m", slice(0, 3)),
+        (f"a small turn of {pose} about one axis", "rad", slice(3, 6)),
+    )
+    return tuple(
+        replace(
+            axis_budget(
+                *(words, unit, covariance[at, at], scatter),
+                {source: part[at, at] for source, part in stated.items()},
+                {source: part[at, at] for source, part in shown.items()},
+            ),
+            name=pose,
+        )
+        for words, unit, at in of
+    )
 
 
 def _equations(term: Term) -> float:
