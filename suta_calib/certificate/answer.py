@@ -6,15 +6,22 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Final
 
 from suta_calib.certificate.content import CertifiedValue, Content
 from suta_calib.errors import InputError
 from suta_calib.registry import classes_of
 from suta_calib.trust.uncertainty_budget import Contribution, UncertaintyBudget, coverage_factor
-from suta_calib.units import SHOWN, Unit, stored
+from suta_calib.units import SHOWN, Unit, key, stored
 
 Record = Mapping[str, Any]
+
+
+# Why other answers have none, and what to do, by a key that only their JSON has.
+WITHOUT: Final = {
+    "by_update_rate": "it compares two recordings, without an uncertainty of its own: certify the "
+    "arm by repeatability, iso10360 or calibrate",
+}
 
 
 class CertifiedAnswer(ABC):
@@ -47,8 +54,13 @@ def answer_of(record: Record, path: Path) -> CertifiedAnswer:
     for answer in every.values():
         if answer.mark in record:
             return answer()
-    expected = f"an answer of {', '.join(sorted(every))}"
-    raise InputError("an answer that has no certificate", expected, file=path)
+    known = (why for mark, why in WITHOUT.items() if mark in record)
+    raise InputError(
+        "an answer that has no certificate",
+        f"an answer of {', '.join(sorted(every))}",
+        file=path,
+        hint=next(known, "give the result.json of the calibration or measurement itself"),
+    )
 
 
 def known_answers() -> Mapping[str, type[CertifiedAnswer]]:
@@ -89,16 +101,43 @@ def _budget(entry: Record) -> UncertaintyBudget:
             part["evaluation"],
             si(part, "std", unit),
             math.inf if part["freedom"] is None else float(part["freedom"]),
+            bool(part.get("student", False)),
         )
         for part in entry["contributions"]
     )
-    return UncertaintyBudget(str(entry["of"]), unit, parts)
+    return UncertaintyBudget(str(entry["of"]), unit, parts, str(entry.get("name") or ""))
 
 
 def factor_of(found: Sequence[UncertaintyBudget]) -> float:
     """Coverage factor of estimates whose scatter has the degrees of freedom of a budget's."""
-    freedom = [part.freedom for budget in found for part in budget.contributions]
+    freedom = [part.uncertain for budget in found for part in budget.contributions]
     return coverage_factor(min(freedom, default=math.inf))
+
+
+def judged_budgets(found: Sequence[UncertaintyBudget]) -> dict[str, CertifiedValue]:
+    """The expanded uncertainties, which may be given limits, such as ``U_X_mm`` and ``U_X_deg``."""
+    return {
+        key(f"U_{budget.name}".replace(" ", "_"), budget.unit): CertifiedValue(
+            f"U of {budget.of}", budget.expanded, budget.unit
+        )
+        for budget in found
+    }
+
+
+def judged_rms(record: Record) -> dict[str, CertifiedValue]:
+    """Residuals, which may be given limits; U is how well so many rows tell a root mean square."""
+    judged, count = dict[str, CertifiedValue](), max(float(record["counts"]["inliers"]), 1.0)
+    kinds: tuple[tuple[str, str, Unit], ...] = (
+        ("rms_mm", "residuals, RMS", "m"),
+        ("rms_deg", "residuals in angle, RMS", "rad"),
+        ("reprojection_rms_px", "reprojection, RMS", "px"),
+    )
+    for told, words, unit in kinds:
+        # Beside pixels the other residuals are of the poses of single pictures.
+        if record.get(told) is not None and (unit == "px") == ("reprojection_rms_px" in record):
+            rms = float(stored(float(record[told]), unit))
+            judged[told] = CertifiedValue(words, rms, unit, rms / (2.0 * count) ** 0.5)
+    return judged
 
 
 def scales(record: Record) -> tuple[str, ...]:

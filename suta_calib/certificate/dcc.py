@@ -118,6 +118,7 @@ def _budget(budget: UncertaintyBudget) -> dict[str, Any]:
             {
                 "source": part.source,
                 "type": part.evaluation,
+                "student": part.student,
                 key("std", unit): shown(part.std, unit),
                 "degreesOfFreedom": part.freedom if math.isfinite(part.freedom) else None,
             }

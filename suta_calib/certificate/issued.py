@@ -18,7 +18,7 @@ from suta_calib.errors import InputError, did_you_mean
 from suta_calib.exchange.cells import is_folder
 from suta_calib.inputs import read_input
 from suta_calib.tracking.uncertainty import read_json_object
-from suta_calib.units import key, stored
+from suta_calib.units import stored
 
 # Names of the JSON that commands write, in a folder that is given in its place.
 RECORDS: Final = ("result.json", "iso10360.json", "repeatability.json", "certify.json")
@@ -144,8 +144,7 @@ def certificate_of(path: Path, details: Details | None = None) -> Certificate:
 
 
 def _decisions(content: Content, details: Details) -> list[Decision]:
-    decisions = []
-    offered = {key(name, quantity.unit): quantity for name, quantity in content.judged.items()}
+    decisions, offered = [], content.judged
     for asked, limit in details.limits.items():
         if asked not in offered:
             raise InputError(

@@ -1,29 +1,56 @@
-"""A pose as results with uncertainties."""
+"""Poses and cameras as results with uncertainties."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from typing import Any
+
+import numpy as np
 
 from suta_calib.certificate.answer import Record, quantities
-from suta_calib.certificate.content import CertifiedValue
-from suta_calib.units import stored, text
+from suta_calib.certificate.content import CertifiedValue, ValueTable
+from suta_calib.geometry.lens import CENTRE, FOCAL
+from suta_calib.geometry.numbers import rpy_from_rotation
+from suta_calib.units import deg, mm, stored, text
 
 AXES = ("x", "y", "z")
 
 
-def pose_of(
-    record: Record, std: Record, factor: float, prefix: str = ""
-) -> tuple[CertifiedValue, ...]:
-    """The pose that an answer wrote under keys with a prefix, with its standard deviations."""
+def pose_of(matrix: Any, std: Record, factor: float) -> tuple[CertifiedValue, ...]:
+    """A pose (4, 4), m, with the standard deviations that an answer wrote beside it."""
+    pose = np.asarray(matrix, dtype=float)
+    if pose.shape != (4, 4):
+        raise ValueError(f"a pose of shape {pose.shape}")
     return tuple(
         pose_quantities(
-            record[f"{prefix}position_mm"],
+            mm(pose[:3, 3]).tolist(),
             [std[f"{axis}_mm"] for axis in AXES],
-            record[f"{prefix}rpy_deg"],
+            deg(rpy_from_rotation(pose[:3, :3])).tolist(),
             [std[f"r{axis}_deg"] for axis in AXES],
             factor,
         )
     )
+
+
+def camera_table(title: str, camera: Record, factor: float) -> ValueTable | None:
+    """Intrinsics as an answer wrote them, with ``std`` of each; None where they were held."""
+    std: Record = camera.get("std") or {}
+    if not any(std.values()) or std.get("fx") is None:
+        return None
+    pairs = [(name, camera[name], std[name]) for name in std if name != "distortion"]
+    distortion = zip(camera.get("distortion") or (), std.get("distortion") or (), strict=True)
+    pairs += [(f"distortion {k}", *both) for k, both in enumerate(distortion, 1)]
+    rows = [
+        # What the model of the lens holds at nothing has no ±.
+        CertifiedValue(
+            *(name, float(value), "px" if name in (*FOCAL, *CENTRE) else "1"),
+            float(spread) or None,
+            factor,
+        )
+        for name, value, spread in pairs
+    ]
+    about = f"Model of the lens: {camera['distortion_model']}, its terms in the order of OpenCV."
+    return ValueTable(title, tuple(rows), about)
 
 
 def pose_quantities(

@@ -8,7 +8,7 @@ from collections.abc import Iterator, Mapping
 from suta_calib.certificate.answer import CertifiedAnswer, Record, budgets, factor_of, scales, si
 from suta_calib.certificate.content import CertifiedValue, Content, ValueTable
 from suta_calib.certificate.poses import pose_quantities
-from suta_calib.units import Unit, text
+from suta_calib.units import Unit, key, text
 from suta_calib.words import listed
 
 
@@ -33,7 +33,9 @@ class CalibrationOfArm(CertifiedAnswer):
         judged = dict(_judged(record))
         if found:
             tip = found[0].expanded
-            judged["tip"] = CertifiedValue("expanded uncertainty of the tip", tip, found[0].unit)
+            judged[key("tip", found[0].unit)] = CertifiedValue(
+                "expanded uncertainty of the tip", tip, found[0].unit
+            )
         kinds = sorted({row["kind"] for row in record["noise"]})
         starts = len(record["solver"]["starts"])
         return Content(
@@ -41,8 +43,7 @@ class CalibrationOfArm(CertifiedAnswer):
             measurand=(
                 f"{len(estimated)} parameters of the kinematic model of the chain and of what it "
                 "was measured with, and the position of its tip that follows from them. "
-                f"{len(record['unidentified'])} parameters that these data cannot determine kept "
-                "their nominal values."
+                f"{_undetermined(len(record['unidentified']))}"
             ),
             method=(
                 f"All parameters were estimated at once by robust least squares from observations "
@@ -67,6 +68,13 @@ class CalibrationOfArm(CertifiedAnswer):
             standards=scales(record),
             notes=tuple(record["verdict"]["notes"]),
         )
+
+
+def _undetermined(count: int) -> str:
+    if not count:
+        return "The data determine all of them."
+    s = "s" * (count > 1)
+    return f"{count} parameter{s} that these data cannot determine kept the nominal value{s}."
 
 
 def _kept(record: Record) -> str:
@@ -115,8 +123,8 @@ def _validation(record: Record) -> Iterator[tuple[str, str]]:
     for name, after, unit in _errors(record):
         label = "left out of the fit (validation)" if name == "validation" else "fitted"
         figures = ", ".join(
-            f"{what} {text(si(after, key, unit), unit, with_unit=True)}"
-            for what, key in (("RMS", "rms"), ("mean", "mean"), ("largest", "max"))
+            f"{what} {text(si(after, part, unit), unit, with_unit=True)}"
+            for what, part in (("RMS", "rms"), ("mean", "mean"), ("largest", "max"))
         )
         yield f"errors of {after['count']:,} rows {label}", figures
     for row in record.get("held_out") or ():
@@ -134,6 +142,12 @@ def _judged(record: Record) -> Iterator[tuple[str, CertifiedValue]]:
         if name == "validation":
             rms, count = si(after, "rms", unit), float(after["count"] or 1)
             std = rms / (2.0 * count) ** 0.5
-            yield "validation_rms", CertifiedValue("RMS validation error", rms, unit, std)
+            yield (
+                key("validation_rms", unit),
+                CertifiedValue("RMS validation error", rms, unit, std),
+            )
             largest = si(after, "max", unit)
-            yield "validation_max", CertifiedValue("largest validation error", largest, unit)
+            yield (
+                key("validation_max", unit),
+                CertifiedValue("largest validation error", largest, unit),
+            )

@@ -6,7 +6,7 @@ from suta_calib.certificate.answer import CertifiedAnswer, Record, quantities
 from suta_calib.certificate.content import CertifiedValue, Content, ValueTable
 from suta_calib.certificate.poses import AXES
 from suta_calib.trust.uncertainty_budget import Contribution, UncertaintyBudget
-from suta_calib.units import from_mm
+from suta_calib.units import from_mm, key
 
 
 class ArtefactOnPaper(CertifiedAnswer):
@@ -58,7 +58,7 @@ class ArtefactOnPaper(CertifiedAnswer):
                 ("flatness of the ground", f"{record['ground']['flatness_mm']:.4f} mm"),
                 ("one touched coordinate, standard deviation", f"{noise['sigma_mm']:.4f} mm"),
             ),
-            judged={row.name: row for row in spacers},
+            judged={key(row.name, "m"): row for row in spacers},
             notes=(
                 "The scale of the instrument that touched the points is in no coordinate's "
                 "uncertainty: it is that of its own certificate.",

@@ -1,64 +1,170 @@
-"""A hand-eye calibration on paper."""
+"""A hand-eye calibration on paper: from pairs, pictures, a depth camera or a line scanner."""
 
 from __future__ import annotations
 
-from suta_calib.certificate.answer import CertifiedAnswer, Record, budgets, factor_of
-from suta_calib.certificate.content import Content, ValueTable
-from suta_calib.certificate.poses import pose_of
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+from suta_calib.certificate.answer import (
+    CertifiedAnswer,
+    Record,
+    budgets,
+    factor_of,
+    judged_budgets,
+    judged_rms,
+    quantities,
+)
+from suta_calib.certificate.content import CertifiedValue, Content, ValueTable
+from suta_calib.certificate.poses import AXES, camera_table, pose_of
 from suta_calib.units import stored, text
 
 
 class HandEyeOnPaper(CertifiedAnswer):
-    """What ``hand-eye`` wrote, of one eye."""
+    """What ``hand-eye`` wrote."""
 
     name = "hand-eye"
     mark = "setup"
 
     def content(self, record: Record) -> Content:
-        """X, and Z where it was asked for."""
+        """Every X, every Z that was asked for, and what else was found with them."""
         found = budgets(record)
         factor = factor_of(found)
-        groups = [
-            ValueTable(
-                f"{name} = {frame}", pose_of(record, record["std"][name], factor, f"{name}_")
-            )
-            for name, frame in record["frames"].items()
+        poses = [
+            ValueTable(title, pose_of(pose, std, factor)) for title, pose, std in _poses(record)
         ]
-        first = groups[0].quantities
         return Content(
             title="Hand-eye calibration",
             measurand=(
-                f"Pose of a camera or tracked body, {record['setup']}, by the model "
-                f"{record.get('model', 'AX=ZB')}."
+                f"Pose of a camera, scanner or tracked body, {record['setup']}, by the model "
+                f"{record.get('model', 'AX=ZB')}. X is {record['frames']['X']}."
             ),
             method=(
-                "Robust least squares of all pairs of poses, from a closed-form start and a "
-                "consensus of the pairs. Standard uncertainties follow from their scatter and from "
-                "the stated uncertainty of the scale, combined by JCGM 100:2008 (GUM)."
+                f"{_method(record)} Standard uncertainties follow from scatter and from what is "
+                "stated of the lengths, combined by JCGM 100:2008 (GUM)."
             ),
-            groups=tuple(groups),
+            groups=(*poses, *_others(record, factor), *_cameras(record, factor)),
             budgets=found,
             checked=tuple(_fit(record)),
-            judged={f"X_{row.name}": row for row in first if row.std is not None},
-            standards=_scale(record),
-            notes=tuple(record["verdict"]["notes"]),
+            judged={**judged_budgets(found), **judged_rms(record)},
+            standards=tuple(_scale(record)),
+            notes=(*_lost(record), *record["verdict"]["notes"]),
         )
 
 
-def _fit(record: Record) -> list[tuple[str, str]]:
+def _poses(record: Record) -> Iterator[tuple[str, Any, Record]]:
+    """Title, matrix and standard deviations of every pose that was found."""
+    for name, frame in record["frames"].items():
+        pose, std = record[name], record["std"][name]
+        if not isinstance(pose, Mapping):
+            yield f"{name} = {frame}", pose, std
+            continue
+        for label, one in pose.items():
+            if one is not None:
+                yield f"{name} of {label} = {frame}", one, std[label]
+
+
+def _lost(record: Record) -> Iterator[str]:
+    """Of eyes and targets that were not found."""
+    for part in ("eyes", "targets", "cameras"):
+        for entry in (record.get(part) or {}).values():
+            if "because" in entry:
+                yield str(entry["because"])
+
+
+def _method(record: Record) -> str:
+    if "profiles" in record:
+        return (
+            "Least squares of profiles of a ball or a plane, weighed by the noise of the hand and "
+            "of the scanner that all of them show (restricted maximum likelihood)."
+        )
+    if "camera_noise" in record:
+        return (
+            "Least squares of planes or points that a depth camera saw, weighed by the noise of "
+            "the hand and of the camera that all pictures show (restricted maximum likelihood). "
+            "One factor on all lengths of the camera is estimated too."
+        )
+    if "reprojection_rms_px" in record:
+        return (
+            "Reprojection errors of the corners of a board, weighed by the noise of the corners "
+            "and of the hand that all pictures show (restricted maximum likelihood); the camera's "
+            f"intrinsics were {record.get('intrinsics', 'free')}."
+        )
+    return (
+        "Robust least squares of all pairs of poses, from a closed-form start and a consensus of "
+        "the pairs."
+    )
+
+
+def _others(record: Record, factor: float) -> Iterator[ValueTable]:
+    """Balls, planes and points that were found beside X, and the camera's lengths."""
+    places = [("Ball in the base", record.get("ball_mm"), record.get("ball_std_mm"))]
+    points = record.get("points") or {}
+    places += [(f"Point {name}", p["position_mm"], p["std_mm"]) for name, p in points.items()]
+    for title, place, std in places:
+        if place is not None and std is not None:
+            yield ValueTable(title, tuple(quantities(AXES, place, std, "m", factor)))
+    lengths = list[CertifiedValue]()
+    if (radius := record.get("sphere_radius_mm")) is not None:
+        spread = record["sphere_radius_std_mm"] or None
+        lengths += quantities(["radius of the ball"], [radius], [spread], "m", factor)
+    for name, plane in (record.get("planes") or {}).items():
+        lengths += quantities(
+            [f"distance of plane {name} from the origin"],
+            *([plane["distance_mm"]], [plane["distance_std_mm"]], "m", factor),
+        )
+    if lengths:
+        yield ValueTable("Lengths", tuple(lengths))
+    if record.get("scale_std_ppm") is not None:
+        by, std = (1e-6 * float(record[key]) for key in ("scale_ppm", "scale_std_ppm"))
+        about = "Positive: the camera shows lengths too long. X allows for it."
+        scale = CertifiedValue("error of all lengths of the camera", by, "%", std, factor)
+        yield ValueTable("Scale of the camera", (scale,), about)
+
+
+def _cameras(record: Record, factor: float) -> Iterator[ValueTable]:
+    """Intrinsics that the pictures corrected."""
+    cameras = record.get("cameras") or {"": record}
+    for name, entry in cameras.items():
+        title = f"Intrinsics of camera {name}".rstrip()
+        if (table := camera_table(title, entry.get("camera") or {}, factor)) is not None:
+            yield table
+
+
+def _fit(record: Record) -> Iterator[tuple[str, str]]:
     counts = record["counts"]
-    used = f"{counts.get('inliers', '?')} of {counts.get('rows', '?')} rows"
-    rows = [("rows that were used", used)]
+    total = counts.get("images", counts["rows"])
+    what = "pictures" if "images" in counts else "rows"
+    yield f"{what} that were used", f"{counts['inliers']} of {total}"
+    if record.get("reprojection_rms_px") is not None:
+        yield "reprojection, RMS", f"{record['reprojection_rms_px']:.3f} px"
+        if record.get("reprojection_left_out_rms_px") is not None:
+            left_out = f"{record['reprojection_left_out_rms_px']:.3f} px"
+            yield "reprojection in pictures left out in turn, RMS", left_out
+        return
     for key, unit in (("rms_mm", "m"), ("rms_deg", "rad")):
         if record.get(key) is not None:
             number = float(stored(float(record[key]), unit))  # type: ignore[arg-type]
-            rows.append(("residuals, RMS", text(number, unit, with_unit=True)))  # type: ignore[arg-type]
-    if record.get("reprojection_rms_px") is not None:
-        rows.append(("reprojection, RMS", f"{record['reprojection_rms_px']:.3f} px"))
-    return rows
+            yield "residuals, RMS", text(number, unit, with_unit=True)  # type: ignore[arg-type]
 
 
-def _scale(record: Record) -> tuple[str, ...]:
-    if record.get("scale_ppm") is None:
-        return ()
-    return (f"all seen lengths: standard uncertainty of their scale {record['scale_ppm']:g} ppm",)
+def _scale(record: Record) -> Iterator[str]:
+    """What gave the lengths their unit, and what of it is in the results."""
+    if "profiles" in record:
+        radius = record.get("sphere_radius_mm")
+        known = "" if radius is None or record.get("sphere_radius_std_mm") else " and of the ball"
+        yield (
+            f"lengths of the scanner{known}: taken as exact; an error of their scale is in no "
+            "uncertainty stated here"
+        )
+    elif "camera_noise" in record:
+        yield (
+            "lengths of the depth camera: standard uncertainty of their scale before the "
+            f"measurement {record.get('assumed_scale_ppm', 0):g} ppm"
+        )
+    elif "reprojection_rms_px" in record:
+        yield (
+            "size of the board, as its file states it: taken as exact; an error of it is in no "
+            "uncertainty stated here"
+        )
+    elif record.get("scale_ppm") is not None:
+        yield f"all seen lengths: standard uncertainty of their scale {record['scale_ppm']:g} ppm"

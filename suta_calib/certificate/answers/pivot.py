@@ -2,7 +2,15 @@
 
 from __future__ import annotations
 
-from suta_calib.certificate.answer import CertifiedAnswer, Record, budgets, factor_of, quantities
+from suta_calib.certificate.answer import (
+    CertifiedAnswer,
+    Record,
+    budgets,
+    factor_of,
+    judged_budgets,
+    judged_rms,
+    quantities,
+)
 from suta_calib.certificate.content import Content, ValueTable
 from suta_calib.certificate.poses import AXES
 
@@ -36,7 +44,7 @@ class PivotOnPaper(CertifiedAnswer):
                 ("residuals, RMS (3-D)", f"{record['rms_mm']:.3f} mm"),
                 ("turn of the tool, RMS in the worst direction", f"{record['turn_deg']:.1f} deg"),
             ),
-            judged={f"tip_{row.name}": row for row in tip},
+            judged={**judged_budgets(found), **judged_rms(record)},
             standards=(f"tracker: standard uncertainty of its scale {record['scale_ppm']:g} ppm",),
             notes=tuple(record["verdict"]["notes"]),
         )

@@ -2,7 +2,14 @@
 
 from __future__ import annotations
 
-from suta_calib.certificate.answer import CertifiedAnswer, Record, budgets, factor_of
+from suta_calib.certificate.answer import (
+    CertifiedAnswer,
+    Record,
+    budgets,
+    factor_of,
+    judged_budgets,
+    judged_rms,
+)
 from suta_calib.certificate.content import Content, ValueTable
 from suta_calib.certificate.poses import pose_of
 
@@ -17,7 +24,7 @@ class RegistrationOnPaper(CertifiedAnswer):
         """The pose between two sets of points."""
         found = budgets(record)
         counts = record["counts"]
-        rows = pose_of(record, record["std"], factor_of(found))
+        rows = pose_of(record["T_b_a"], record["std"], factor_of(found))
         return Content(
             title="Registration of corresponding points",
             measurand="Rigid transform T_b_a from the frame of the first points to the second's.",
@@ -32,7 +39,7 @@ class RegistrationOnPaper(CertifiedAnswer):
                 ("points that were used", f"{counts['inliers']} of {counts['rows']}"),
                 ("residuals, RMS (3-D)", f"{record['rms_mm']:.3f} mm"),
             ),
-            judged={row.name: row for row in rows if row.std is not None},
+            judged={**judged_budgets(found), **judged_rms(record)},
             standards=(f"lengths of both sets agree to {record['scale_ppm']:g} ppm",),
             notes=tuple(record["verdict"]["notes"]),
         )

@@ -6,6 +6,7 @@ from collections.abc import Iterator
 
 from suta_calib.certificate.answer import CertifiedAnswer, Record, si
 from suta_calib.certificate.content import CertifiedValue, Content, ValueTable
+from suta_calib.units import key
 
 
 class RepeatabilityOnPaper(CertifiedAnswer):
@@ -28,16 +29,16 @@ class RepeatabilityOnPaper(CertifiedAnswer):
             ),
             method="Visits to one point, evaluated after ISO 9283:1998, 7.2.",
             groups=tuple(groups),
-            judged={row.name: row for row in groups[0].quantities},
+            judged={key(row.name, row.unit): row for row in groups[0].quantities},
             notes=tuple(record["verdict"]["notes"]),
         )
 
 
 def _figures(part: Record, confidence: float) -> Iterator[CertifiedValue]:
-    for name, key in (("RP", "rp"), ("RMS", "rms")):
-        low, high = part[f"{key}_interval_mm"]
+    for name, told in (("RP", "rp"), ("RMS", "rms")):
+        low, high = part[f"{told}_interval_mm"]
         remark = f"{confidence:.0f} % confidence interval {low:.3f} to {high:.3f} mm"
-        value = si(part, key, "m")
+        value = si(part, told, "m")
         # A sample's spread has no symmetric interval: the guard band is its farther end.
-        spread = max(abs(high - part[f"{key}_mm"]), abs(part[f"{key}_mm"] - low)) / 2000.0
+        spread = max(abs(high - part[f"{told}_mm"]), abs(part[f"{told}_mm"] - low)) / 2000.0
         yield CertifiedValue(name, value, "m", spread, 2.0, f"{part['count']} visits; {remark}")

@@ -1,0 +1,57 @@
+"""Poses between cameras on paper."""
+
+from __future__ import annotations
+
+from suta_calib.certificate.answer import (
+    CertifiedAnswer,
+    Record,
+    budgets,
+    factor_of,
+    judged_budgets,
+)
+from suta_calib.certificate.content import Content, ValueTable
+from suta_calib.certificate.poses import camera_table, pose_of
+
+
+class RigOnPaper(CertifiedAnswer):
+    """What ``rig`` wrote."""
+
+    name = "rig"
+    mark = "instants"
+
+    def content(self, record: Record) -> Content:
+        """Every other camera in the first one, and the intrinsics."""
+        found = budgets(record)
+        factor = factor_of(found)
+        poses = [
+            ValueTable(
+                f"Camera {one['eye']} in camera {one['in_eye']}",
+                pose_of(one["T"], one["std"], factor),
+            )
+            for one in record["between_eyes"]
+        ]
+        cameras = [
+            table
+            for name, camera in record["cameras"].items()
+            if (table := camera_table(f"Intrinsics of camera {name}", camera, factor)) is not None
+        ]
+        return Content(
+            title="Calibration of cameras on one body",
+            measurand="Poses between cameras that took pictures of one board at the same instants.",
+            method=(
+                "Least squares of the reprojection errors in all pictures at once. Standard "
+                "uncertainties follow from the scatter of the pictures and the stated uncertainty "
+                "of the board's size, combined by JCGM 100:2008 (GUM)."
+            ),
+            groups=(*poses, *cameras),
+            budgets=found,
+            checked=(
+                ("instants at which cameras saw the board together", f"{record['instants']}"),
+                ("reprojection, RMS", f"{record['reprojection_rms_px']:.3f} px"),
+            ),
+            standards=(
+                f"board: standard uncertainty of its size {float(record['scale_ppm']):g} ppm",
+            ),
+            judged=judged_budgets(found),
+            notes=tuple(record["verdict"]["notes"]),
+        )
