@@ -6,12 +6,17 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any, ClassVar, Final
+from typing import Any, ClassVar, Final, get_args
 
 from suta_calib.certificate.content import CertifiedValue, Content
 from suta_calib.errors import InputError
 from suta_calib.registry import classes_of
-from suta_calib.trust.uncertainty_budget import Contribution, UncertaintyBudget, coverage_factor
+from suta_calib.trust.uncertainty_budget import (
+    Contribution,
+    Evaluation,
+    UncertaintyBudget,
+    coverage_factor,
+)
 from suta_calib.units import SHOWN, Unit, key, stored
 
 Record = Mapping[str, Any]
@@ -105,7 +110,13 @@ def _budget(entry: Record) -> UncertaintyBudget:
         )
         for part in entry["contributions"]
     )
-    return UncertaintyBudget(str(entry["of"]), unit, parts, str(entry.get("name") or ""))
+    for part in parts:
+        if part.evaluation not in get_args(Evaluation) or not part.std >= 0.0:
+            raise ValueError(f"{part.source}: evaluation {part.evaluation}, std {part.std}")
+    budget = UncertaintyBudget(str(entry["of"]), unit, parts, str(entry.get("name") or ""))
+    if not math.isclose(budget.std, si(entry, "std", unit), rel_tol=1e-6):
+        raise ValueError(f"contributions that do not give the standard uncertainty of {budget.of}")
+    return budget
 
 
 def factor_of(found: Sequence[UncertaintyBudget]) -> float:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import math
+import unicodedata
 from collections.abc import Collection, Sequence
 from datetime import UTC, datetime
 from pathlib import Path
@@ -11,11 +11,13 @@ from typing import Final, Literal
 import matplotlib as mpl
 from fpdf import FPDF
 from fpdf.enums import XPos, YPos
-from fpdf.fonts import FontFace
+from fpdf.fonts import FontFace, TTFFont
 
 from suta_calib.certificate.content import CertifiedValue, Decision, ValueTable
 from suta_calib.certificate.details import Party
 from suta_calib.certificate.issued import Certificate
+from suta_calib.errors import InputError
+from suta_calib.measurements.files import read_bytes
 from suta_calib.trust.uncertainty_budget import UncertaintyBudget
 from suta_calib.units import NOTHING, rounded_text, shown, std_text, unit_name
 
@@ -27,16 +29,29 @@ BODY: Final = 9
 BLANK: Final = "_" * 32
 
 
-def pdf_bytes(certificate: Certificate, paper: Paper = "a4") -> bytes:
+def pdf_bytes(
+    certificate: Certificate, paper: Paper = "a4", more_signs: Path | None = None
+) -> bytes:
     """The certificate as a PDF.
 
     Args:
         certificate: what it says.
         paper: size of the pages.
+        more_signs: a font (TTF or OTF) for signs that DejaVu Sans lacks, such as Chinese ones.
+
+    Raises:
+        InputError: signs that no font has, or that are written from right to left; or no font.
     """
     sheet = _Sheet(certificate, paper)
-    sheet.write_all()
-    return bytes(sheet.output())
+    try:
+        if more_signs is not None:
+            sheet.add_signs(more_signs)
+        sheet.write_all()
+        sheet.refuse_lost()
+        return bytes(sheet.output())
+    finally:
+        for font in sheet.embedded:
+            font.close()
 
 
 class _Sheet(FPDF):
@@ -45,9 +60,12 @@ class _Sheet(FPDF):
     def __init__(self, certificate: Certificate, paper: Paper) -> None:
         super().__init__(format=paper)
         self._certificate = certificate
+        # Texts with signs that cannot be printed, and the first of these.
+        self._lost: dict[str, str] = {}
         fonts = Path(mpl.get_data_path()) / "fonts" / "ttf"
         for style, name in (("", "DejaVuSans"), ("B", "DejaVuSans-Bold")):
             self.add_font("sans", style, fonts / f"{name}.ttf")
+        self._signs = {sign for font in self.embedded for sign in font.cmap}
         self.set_margins(MARGIN, MARGIN)
         self.set_auto_page_break(auto=True, margin=MARGIN)
         self.set_title(f"{certificate.content.title}, {certificate.number}")
@@ -57,13 +75,67 @@ class _Sheet(FPDF):
         self.set_creation_date(datetime(1970, 1, 1, tzinfo=UTC))
         self.add_page()
 
+    # ── signs ───────────────────────────────────────────────────────────────────────────────
+    @property
+    def embedded(self) -> list[TTFFont]:
+        """Fonts of the document."""
+        return [font for font in self.fonts.values() if isinstance(font, TTFFont)]
+
+    def add_signs(self, path: Path) -> None:
+        """Use a font for the signs that the other one lacks.
+
+        Raises:
+            InputError: it is no font.
+        """
+        expected = "a font, TTF or OTF"
+        if read_bytes(path)[:4] not in (b"\0\1\0\0", b"true", b"OTTO"):
+            raise InputError("a file that is no font", expected, file=path)
+        try:
+            for style in ("", "B"):
+                self.add_font("more", style, path)
+        except Exception as problem:  # noqa: BLE001 - whatever a broken file makes it raise
+            raise InputError(f"a damaged font ({problem})", expected, file=path) from None
+        self.set_fallback_fonts(["more"], exact_match=False)
+        self._signs = {sign for font in self.embedded for sign in font.cmap}
+
+    def _text(self, words: str) -> str:
+        """Words that can be printed; those that cannot are noted."""
+        words = " ".join(unicodedata.normalize("NFC", words).split())
+        for sign in words:
+            backwards = unicodedata.bidirectional(sign) in ("R", "AL")
+            if backwards or ord(sign) not in self._signs:
+                self._lost.setdefault(words, sign)
+                return "?"
+        return words
+
+    def refuse_lost(self) -> None:
+        """Refuse text of which paper would show boxes.
+
+        Raises:
+            InputError: there is such text.
+        """
+        certificate = self._certificate
+        for words, sign in self._lost.items():
+            short = words if len(words) <= 60 else f"{words[:60]}…"
+            name = unicodedata.name(sign, f"U+{ord(sign):04X}")
+            raise InputError(
+                f"the sign {sign} ({name}) in: {short}",
+                "signs of the font, written from left to right",
+                file=certificate.details.path or certificate.result,
+                hint="give a font that has it with --font FILE.ttf, or write it in other letters",
+            )
+
     # ── every page ──────────────────────────────────────────────────────────────────────────
     def header(self) -> None:
         """Number of the certificate, from the second page on."""
         if self.page_no() > 1:
             self.set_font("sans", "", 8)
             self.set_text_color(90)
-            self.cell(0, 5, f"Certificate {self._certificate.number}", align="R")
+            number = self._text(f"Certificate {self._certificate.number}")
+            # As much of it as a line holds.
+            while self.get_string_width(number) > self.epw and len(number) > 1:
+                number = f"{number[:-2]}…"
+            self.cell(0, 5, number, align="R")
             self.ln(9)
             self.set_text_color(0)
 
@@ -99,6 +171,12 @@ class _Sheet(FPDF):
         )
         for budget in content.budgets:
             self._budget(budget)
+        if any(part.student for budget in content.budgets for part in budget.contributions):
+            self._paragraph(
+                "Type A uncertainties of few degrees of freedom ν are those of Student's "
+                "distribution, √(ν/(ν - 2)) times what scatters (JCGM 101:2008, 6.4.9.4): twice "
+                "them covers 95 %."
+            )
         if content.checked:
             self._heading("Validation")
             self._table(("what", "found"), content.checked, (6, 5))
@@ -115,7 +193,8 @@ class _Sheet(FPDF):
         self.set_font("sans", "", 9)
         self.cell(0, 5, "Certificate", new_x=XPos.LMARGIN, new_y=YPos.NEXT)
         self.set_font("sans", "B", 16)
-        self.multi_cell(0, 8, certificate.content.title, new_x=XPos.LMARGIN, new_y=YPos.NEXT)
+        title = certificate.content.title
+        self.multi_cell(0, 8, title, align="L", new_x=XPos.LMARGIN, new_y=YPos.NEXT)
         self.set_font("sans", "", BODY)
         self.ln(2)
 
@@ -185,27 +264,29 @@ class _Sheet(FPDF):
                 "is claimed."
             )
         for sentence in content.standards:
-            self._paragraph(f"In the uncertainty: {sentence}.")
+            self._paragraph(f"• {sentence}.")
 
     def _group(self, group: ValueTable) -> None:
-        self._heading(group.title, small=True)
+        self._heading(group.title, small=True, rows=len(group.quantities))
         if group.about:
             self._paragraph(group.about)
         remarks = any(one.remark for one in group.quantities)
         heads = ("quantity", "value", "U", "k", "unit", *(("remark",) if remarks else ()))
         rows = [(*_measured(one), *((one.remark,) if remarks else ())) for one in group.quantities]
-        widths = (5, 2, 2, 1, 1, 5) if remarks else (6, 3, 3, 1, 1)
+        widths = (8, 5, 4, 3, 3, 17) if remarks else (6, 3, 3, 1, 1)
         self._table(heads, rows, widths, numbers={1, 2, 3})
 
     def _budget(self, budget: UncertaintyBudget) -> None:
         unit = budget.unit
-        self._heading(f"Uncertainty budget: {budget.of}", small=True)
+        title = f"Uncertainty budget: {budget.of}"
+        self._heading(title, small=True, rows=len(budget.contributions) + 2)
         rows: list[tuple[str, ...]] = [
             (
                 part.source,
                 part.evaluation,
                 std_text(part.std, unit, with_unit=False),
-                f"{part.freedom:.0f}" if math.isfinite(part.freedom) else "∞",
+                # Beyond it a coverage factor is that of infinitely many.
+                f"{part.freedom:.0f}" if part.freedom < 1e4 else "∞",
             )
             for part in (*budget.contributions, budget.combined)
         ]
@@ -218,19 +299,19 @@ class _Sheet(FPDF):
             )
         )
         heads = ("source", "type", f"standard uncertainty, {unit_name(unit)}", "deg. of freedom")
-        self._table(heads, rows, (7, 1, 3, 2), numbers={2, 3})
+        self._table(heads, rows, (16, 3, 12, 8), numbers={2, 3})
 
     def _conformity(self, decisions: Sequence[Decision]) -> None:
         if not decisions:
             return
-        self._heading("Statement of conformity")
+        self._heading("Statement of conformity", rows=len(decisions) + 2)
         self._table(
             ("quantity", "value", "U", "limit", "unit", "decision"),
             [
                 (
                     d.name,
                     rounded_text(d.value, d.expanded, d.unit),
-                    std_text(d.expanded, d.unit, with_unit=False),
+                    std_text(d.expanded, d.unit, with_unit=False) if d.expanded else NOTHING,
                     f"{shown(d.limit, d.unit):g}",
                     unit_name(d.unit),
                     d.outcome,
@@ -248,21 +329,19 @@ class _Sheet(FPDF):
 
     def _origin(self) -> None:
         certificate = self._certificate
-        self._heading("Software and data")
+        files = {**certificate.inputs, **certificate.outputs}
+        # The signatures are on a page with it.
+        self._heading("Software and data", rows=len(files) + 10)
         versions = ", ".join(f"{name} {v}" for name, v in certificate.versions.items())
         rows = [("computed with", versions), ("run", certificate.run or NOTHING)]
-        rows.append((certificate.result.name, f"SHA-256 {certificate.digest}"))
-        rows += [
-            (Path(name).name, f"SHA-256 {digest}")
-            for name, digest in {**certificate.inputs, **certificate.outputs}.items()
-        ]
         self._table(None, rows, (2, 5))
+        rows = [(certificate.result.name, certificate.digest)]
+        rows += [(Path(name).name, digest) for name, digest in files.items()]
+        self._table(("file", "SHA-256"), rows, (2, 5))
 
     def _signatures(self) -> None:
         details = self._certificate.details
-        if self.will_page_break(40):
-            self.add_page()
-        self._heading("Signatures")
+        self._heading("Signatures", rows=4)
         self._table(
             ("", "name", "date", "signature"),
             [
@@ -270,22 +349,25 @@ class _Sheet(FPDF):
                 ("approved", details.approved_by, details.date, ""),
             ],
             (2, 4, 2, 5),
-            height=9,
+            height=8,
             borders="ALL",
         )
 
     # ── what they are made of ───────────────────────────────────────────────────────────────
-    def _heading(self, words: str, *, small: bool = False) -> None:
-        # Never alone at the end of a page.
-        if self.will_page_break(24):
+    def _heading(self, words: str, *, small: bool = False, rows: int = 2) -> None:
+        # Never alone at the end of a page; nor is a short table broken.
+        height = 10 + 5.5 * (rows + 1)
+        if self.will_page_break(height if height < 0.4 * self.eph else 24):
             self.add_page()
         self.ln(2 if small else 4)
         self.set_font("sans", "B", 9.5 if small else 11)
-        self.multi_cell(0, 5.5, words, new_x=XPos.LMARGIN, new_y=YPos.NEXT)
+        words = self._text(words)
+        self.multi_cell(0, 5.5, words, align="L", new_x=XPos.LMARGIN, new_y=YPos.NEXT)
         self.set_font("sans", "", BODY)
         self.ln(0.5)
 
     def _paragraph(self, words: str) -> None:
+        words = self._text(words)
         self.multi_cell(0, 4.6, words, align="L", new_x=XPos.LMARGIN, new_y=YPos.NEXT)
         self.ln(1)
 
@@ -301,19 +383,29 @@ class _Sheet(FPDF):
     ) -> None:
         self.set_font("sans", "", 8)
         bold = FontFace(emphasis="BOLD")
-        with self.table(
-            col_widths=tuple(widths),
-            text_align=tuple("RIGHT" if k in numbers else "LEFT" for k in range(len(widths))),
-            borders_layout=borders if heads else "NONE",
-            first_row_as_headings=heads is not None,
-            headings_style=bold,
-            line_height=height,
-            padding=(0.4, 1.0),
-        ) as table:
-            for row in ([heads] if heads else []) + [*rows]:
-                cells = table.row()
-                for cell in row:
-                    cells.cell(str(cell))
+        every = [
+            [self._text(str(cell)) for cell in row] for row in ([heads] if heads else []) + [*rows]
+        ]
+        try:
+            with self.table(
+                every,
+                col_widths=tuple(widths),
+                text_align=tuple("RIGHT" if k in numbers else "LEFT" for k in range(len(widths))),
+                borders_layout=borders if heads else "NONE",
+                first_row_as_headings=heads is not None,
+                headings_style=bold,
+                line_height=height,
+                padding=(0.4, 1.0),
+            ):
+                pass
+        except ValueError:
+            longest = max((cell for row in every for cell in row), key=len)
+            raise InputError(
+                f"a text of {len(longest)} characters: {longest[:60]}…",
+                "texts that fit on a page",
+                file=self._certificate.details.path or self._certificate.result,
+                hint="shorten it",
+            ) from None
         self.set_font("sans", "", BODY)
         self.ln(1)
 

@@ -26,17 +26,20 @@ from suta_calib.report.document import Document
 )
 @option("--details FILE.yaml", "What the laboratory adds: item, standards, conditions.", PATH)
 @option("--new-details FILE.yaml", "Write such a file to fill in, and nothing else.", WRITTEN)
+@option("--font FILE.ttf", "Font for signs that DejaVu Sans lacks, such as Chinese ones.", PATH)
 @option("--paper", "Size of the pages.", click.Choice(("a4", "letter")), "a4")
 def certificate(
     result: Path | None,
     file: Path | None,
     details: Path | None,
     new_details: Path | None,
+    font: Path | None,
     paper: Paper,
 ) -> Document:
     """Write a certificate of RESULT (a folder of results, or a JSON file in it) as a PDF.
 
-    RESULT is an answer of calibrate, hand-eye, pivot, register, certify, iso10360 or repeatability.
+    RESULT is an answer of calibrate, hand-eye, rig, pivot, register, certify, iso10360 or
+    repeatability.
     The certificate states measurand, method, conditions, reference standards, results with expanded
     uncertainty (k = 2), uncertainty budget, validation and conformity with limits, after ISO/IEC
     17025 and the GUM. All figures are those of RESULT. What only the laboratory knows is read from
@@ -53,8 +56,8 @@ def certificate(
     beside = file.with_suffix(".json")
     if beside == file:
         raise click.UsageError(f"found --out {file}; expected a name that ends in .pdf")
-    check_outputs([file, beside], [issued.result, details])
+    check_outputs([file, beside], [issued.result, details, font])
     record = dcc_record(issued)
-    contents = {beside.name: json_bytes(record), file.name: pdf_bytes(issued, paper)}
+    contents = {beside.name: json_bytes(record), file.name: pdf_bytes(issued, paper, font)}
     exchange_files(file.parent, contents)
     return certificate_document(issued, (file, beside))

@@ -10,6 +10,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import matplotlib as mpl
 import pytest
 import yaml
 from cli_job import answer, cli, printed, refused
@@ -77,7 +78,8 @@ def paper_of(pdf: bytes) -> str:
 
 
 def test_every_kind_of_answer_is_tried() -> None:
-    assert set(COMMANDS) == set(known_answers())
+    # Of cameras on one body and of further eyes: test_eyes_on_paper.
+    assert {*COMMANDS, "rig"} == set(known_answers())
 
 
 @pytest.mark.parametrize("command", COMMANDS)
@@ -120,7 +122,7 @@ def test_the_figures_of_a_calibration_are_those_of_its_result(
     squares = sum(part["std_mm"] ** 2 for part in budget["contributions"])
     assert math.sqrt(squares) == pytest.approx(budget["std_mm"])
     rms = result["metrics"]["validation"]["after"]["rms_mm"]
-    assert certificate.content.judged["validation_rms"].value * 1e3 == pytest.approx(rms)
+    assert certificate.content.judged["validation_rms_mm"].value * 1e3 == pytest.approx(rms)
     words = paper_of(pdf_bytes(certificate))
     assert f"{rms:.3f} mm" in words
 
@@ -262,3 +264,82 @@ def test_the_paper_needs_a_name_of_its_own(answers: Callable[[str], Path], tmp_p
         assert cli("certificate", answers("pivot"), "--out", out) == 2
     assert cli("certificate", answers("pivot")) == 2
     assert cli("certificate", "--out", tmp_path / "c.pdf") == 2
+
+
+@pytest.mark.parametrize(
+    ("name", "said"),
+    [
+        ("上海测量所", "the sign 上 (CJK UNIFIED IDEOGRAPH-4E0A) in: 上海测量所"),
+        ("arm \U0001f9be", "MECHANICAL ARM"),
+        ("מעבדה", "from left to right"),
+        ("مختبر", "from left to right"),
+    ],
+)
+def test_signs_that_paper_would_not_show_are_refused(
+    name: str, said: str, answers: Callable[[str], Path], tmp_path: Path
+) -> None:
+    path, out = tmp_path / "d.yaml", tmp_path / "c.pdf"
+    path.write_text(f"laboratory: {{name: {name}}}\n", encoding="utf-8")
+    error = refused("certificate", answers("pivot"), "--details", path, "--out", out)
+    assert said in error
+    assert "d.yaml" in error
+    assert "--font" in error
+    assert not out.exists()
+
+
+def test_a_font_of_one_s_own_prints_more_signs(
+    answers: Callable[[str], Path], tmp_path: Path
+) -> None:
+    fonts, out = Path(mpl.get_data_path()) / "fonts" / "ttf", tmp_path / "c.pdf"
+    # A script of Unicode that STIX has, and DejaVu Sans lacks.
+    (tmp_path / "d.yaml").write_text("laboratory: {name: \U0001d4d0bc}\n", encoding="utf-8")
+    words = ("certificate", answers("pivot"), "--details", tmp_path / "d.yaml", "--out", out)
+    assert "MATHEMATICAL BOLD SCRIPT" in refused(*words)
+    assert "no font" in refused(*words, "--font", tmp_path / "d.yaml")
+    assert cli(*words, "--font", fonts / "STIXGeneral.ttf") == 0
+    assert "\U0001d4d0bc" in paper_of(out.read_bytes())
+
+
+def test_long_names_and_letters_of_many_languages_are_printed(
+    answers: Callable[[str], Path], tmp_path: Path
+) -> None:
+    long, path, out = "x" * 600, tmp_path / "d.yaml", tmp_path / "c.pdf"
+    name = "Ινστιτούτο Łódź Ångström Поверка e\u0301"
+    path.write_text(
+        f"number: {long}\nlaboratory: {{name: {name}}}\nitem: {{name: {long}}}\n",
+        encoding="utf-8",
+    )
+    assert cli("certificate", answers("pivot"), "--details", path, "--out", out) == 0
+    words = paper_of(out.read_bytes())
+    assert words.replace("\n", "").count("x") >= 2 * len(long)
+    assert "Ινστιτούτο Łódź Ångström Поверка é" in words
+    path.write_text(f"item: {{name: {long * 10}}}\n", encoding="utf-8")
+    error = refused("certificate", answers("pivot"), "--details", path, "--out", out)
+    assert "6000 characters" in error
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (lambda text: text[: len(text) // 2], "JSON"),
+        (lambda _: "[1, 2]", "object"),
+        (lambda text: text.replace('"tip_mm": [', '"tip_mm": ["a", '), "pivot"),
+        (lambda text: text.replace('"counts"', '"Counts"'), "counts"),
+        (lambda text: text.replace('"evaluation": "A"', '"evaluation": "C"'), "evaluation"),
+        (lambda text: text.replace('"expanded_mm"', '"std_mm": 1, "expanded_mm"'), "do not give"),
+        (lambda text: text.replace('"uncertainty": [', '"uncertainty": [3, '), "pivot"),
+        (lambda _: json.dumps({"by_update_rate": []}), "repeatability, iso10360"),
+        (lambda _: json.dumps({"moved": 1}), "give the result.json"),
+    ],
+)
+def test_an_answer_that_was_damaged_is_refused(
+    change: Callable[[str], str], said: str, answers: Callable[[str], Path], tmp_path: Path
+) -> None:
+    path = tmp_path / "result.json"
+    text = (answers("pivot") / "result.json").read_text(encoding="utf-8")
+    path.write_text(change(text), encoding="utf-8")
+    out = tmp_path / "c.pdf"
+    error = refused("certificate", path, "--out", out)
+    assert said in error
+    assert "result.json" in error
+    assert not out.exists()
