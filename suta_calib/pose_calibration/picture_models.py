@@ -138,14 +138,18 @@ class _Placing:
 
 @dataclass(frozen=True, eq=False)
 class _Frames:
-    """Unknowns (p,) that place what stands in the base, and any camera or board."""
+    """Unknowns (p,) that place what stands in the base, and any camera or board.
+
+    ``inexact`` are those that least squares may move: all but the intrinsics that are exact.
+    """
 
     base: BoolArray
     every: BoolArray
+    inexact: BoolArray
 
     @classmethod
-    def of(cls, problem: Problem, unknowns: BoolArray) -> _Frames:
-        """Those of a problem's parameters that are estimated (n,)."""
+    def of(cls, problem: Problem, unknowns: BoolArray, exact: BoolArray) -> _Frames:
+        """Those of a problem's parameters that are estimated (n,); which are exact (n,)."""
         base, every = set[str](), set[str]()
         for term in problem.terms:
             assert isinstance(term, CameraView)
@@ -155,7 +159,7 @@ class _Frames:
             if isinstance(term.board, SurveyedMarkers):
                 every |= {p.owner for p in term.board.parameters(term.sees_board)}
         owners = np.array([parameter.owner for parameter in problem.parameters.values()])[unknowns]
-        return cls(np.isin(owners, list(base)), np.isin(owners, list(every)))
+        return cls(np.isin(owners, list(base)), np.isin(owners, list(every)), ~exact[unknowns])
 
     def placing(self, sums: Sums, model: ErrorModel) -> _Placing:
         """What a model makes of the generalised least squares."""
@@ -164,9 +168,8 @@ class _Frames:
         if not model.base_by_pixels:
             return nothing
         jj = sums.jj[:, :p, :p].sum(axis=0)
-        everything = np.ones_like(self.every)
         frames = nothing.toward(_by_pixels(jj, self.every), model.share)
-        part = frames.toward(_by_pixels(jj, everything), model.camera_share)
+        part = frames.toward(_by_pixels(jj, self.inexact), model.camera_share)
         return _by_pixels(jj, self.base).after(part)
 
 
@@ -176,7 +179,9 @@ def choose_model(
     likelihood: Likelihood,
     eta: FloatArray,
     covariance: FloatArray,
+    *,
     unknowns: BoolArray,
+    exact: BoolArray,
 ) -> Chosen:
     """The model that predicts pictures left out, and its answer.
 
@@ -187,8 +192,9 @@ def choose_model(
         eta: the levels.
         covariance: (p + shared, p + shared) of the generalised least squares at them.
         unknowns: (n,) which of the problem's parameters are among the p.
+        exact: (n,) which of them are known so well that pixels must not bend them.
     """
-    here, frames = likelihood.at(eta), _Frames.of(problem, unknowns)
+    here, frames = likelihood.at(eta), _Frames.of(problem, unknowns, exact)
     step = here.step[: len(frames.base)]
     errors = _errors(rows, likelihood, eta, frames)
     model = MODELS[0]

@@ -231,8 +231,12 @@ def weigh_pictures(
     log_std = np.sqrt(np.diag(uncertainty))
     covariance = here.covariance + covariance_of_levels(likelihood.at, eta, uncertainty)
     covariance = covariance + _in_common(here, hands.spaces)
+    # Whose prior was made narrow is exact.
+    exact = np.zeros(len(x), dtype=np.bool_) if prior_scale is None else prior_scale < 1.0
     chosen = choose_model(
-        problem, estimate.rows, likelihood, eta, covariance, np.isin(np.arange(len(x)), free)
+        *(problem, estimate.rows, likelihood, eta, covariance),
+        unknowns=np.isin(np.arange(len(x)), free),
+        exact=exact,
     )
     wide = eta.copy()
     shared = cameras + 2 + len(likelihood.known.groups)

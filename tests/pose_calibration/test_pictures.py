@@ -13,7 +13,9 @@ from cli_job import answer
 
 from suta_calib.geometry.numbers import vector_from_rotation
 from suta_calib.measurements import Camera, Charuco, read_camera, write_camera
+from suta_calib.pose_calibration import picture_models
 from suta_calib.pose_calibration.picture_answer import TAKEN_AS_EXACT
+from suta_calib.pose_calibration.picture_models import FRAMES_BY_PIXELS
 
 
 @pytest.mark.parametrize("setup", ["eye-in-hand", "eye-to-hand"])
@@ -217,6 +219,21 @@ def test_an_ideal_camera_is_exact_unless_pictures_deny_it(true_focal: float, exa
     assert seen.camera.stds is not None
     assert (seen.camera.stds[:4].max() < 0.2) == exact
     assert abs(seen.camera.intrinsics[0] - true_focal) < 2.0
+
+
+def test_least_squares_bends_no_camera_that_is_exact(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Where a wrong arm asks for all of least squares, a camera would take up its errors."""
+    bent = replace(FRAMES_BY_PIXELS, camera_share=1.0)
+    monkeypatch.setattr(picture_models, "MODELS", (bent, FRAMES_BY_PIXELS, bent))
+    monkeypatch.setattr(picture_models, "AS_GOOD", 10.0)
+    monkeypatch.setattr(picture_models, "AS_GOOD_AS_BENT", 10.0)
+    ideal = np.array([1000.0, 1000.0, 639.5, 479.5, 0.0, 0.0, 0.0, 0.0, 0.0])
+    scene = pictures(12, pixel=0.1, robot=(1e-3, 2e-3), given=Camera(1280, 960, ideal), lens=ideal)
+    found = solved(scene)
+    (seen,) = found.cameras
+    assert found.error_model == bent
+    assert seen.exact
+    assert np.abs(seen.camera.intrinsics[:4] - ideal[:4]).max() < 0.1
 
 
 def test_the_less_pictures_tell_of_an_ideal_camera_the_larger_is_the_doubt() -> None:
