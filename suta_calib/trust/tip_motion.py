@@ -111,7 +111,7 @@ def tip_motion(problem: Problem, x: FloatArray, direction: Mapping[str, float]) 
     factor = np.array([direction[name] for name in moving])
     columns = table.velocity[:, list(moving.values())]
     total = (columns @ factor).reshape(-1, 6)
-    columns = columns.reshape(-1, 6, len(moving))
+    columns = columns.reshape(len(table.position), 6, len(moving))
     squares = np.einsum("nvk,nvk->vk", columns, columns) * factor**2 / max(len(columns), 1)
     sizes = np.sqrt(squares[:3].sum(axis=0) + LEVER**2 * squares[3:].sum(axis=0))
     parts = dict(zip(moving, sizes.tolist(), strict=True))

@@ -132,7 +132,7 @@ def test_every_sample_is_held_out_once_with_its_placement() -> None:
     folds = folds_of(terms)
     assert [f.label for f in folds] == ["P1", "P2", "P3", "P4", "P5"]
     for fold in folds:
-        kept = set(fold.training[0].poses.samples.labels["placement"].tolist())
+        kept = set(terms[0].poses.samples.labels["placement"][~fold.samples[0]].tolist())
         assert set(fold.held_out[0].poses.samples.labels["placement"].tolist()) == {fold.label}
         assert fold.label not in kept
     for k, term in enumerate(terms):
@@ -147,13 +147,14 @@ def test_repeats_of_a_touch_are_held_out_together() -> None:
     touch = dict(zip(term.poses.samples.origin, term.repeats(), strict=True))
     for fold in folds_of([term]):
         out = {touch[o] for o in fold.held_out[0].poses.samples.origin}
-        assert not out & {touch[o] for o in fold.training[0].poses.samples.origin}
+        kept = term.take(~fold.samples[0])
+        assert not out & {touch[o] for o in kept.poses.samples.origin}
 
 
 def test_the_held_out_error_of_the_truth_is_that_of_the_noise() -> None:
     arm = arm_named("suta")
     term = tracked_scene(arm, {}, 60).exact(Noise(1e-4))
-    found = cross_validate(folds_of([term]), arm.select("joint_4.z"), [1e-4])
+    found = cross_validate([term], folds_of([term]), arm.select("joint_4.z"), [1e-4])
     assert found.loss < 1e-6
     assert found.rms < 1e-9
 
@@ -187,7 +188,7 @@ def test_a_linear_fit_is_that_of_the_solver(kind: str) -> None:
         estimate = refitted.estimates[name]
         if estimate.std is not None:
             assert step[name] == pytest.approx(estimate.value, abs=0.3 * estimate.std)
-    exact = cross_validate(folds, more, solution.noise)
+    exact = cross_validate(solution.problem.terms, folds, more, solution.noise)
     np.testing.assert_allclose(linear.cross_validation(fit).losses, exact.losses, rtol=0.05)
 
 

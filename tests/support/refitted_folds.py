@@ -11,6 +11,7 @@ from suta_calib.model.parameters import ParameterSet
 from suta_calib.solver.options import SolverOptions
 from suta_calib.solver.problem import Problem
 from suta_calib.solver.solve import solve
+from suta_calib.terms import Term
 from suta_calib.trust.accuracy import assess
 from suta_calib.trust.cross_validation import (
     CrossValidation,
@@ -21,6 +22,7 @@ from suta_calib.trust.cross_validation import (
 
 
 def cross_validate(
+    every: Sequence[Term],
     folds: Sequence[Fold],
     parameters: ParameterSet,
     noise: Sequence[float],
@@ -32,14 +34,15 @@ def cross_validate(
     """
     errors = []
     for fold in folds:
+        training = [term.take(~out) for term, out in zip(every, fold.samples, strict=True)]
         try:
-            solution = solve(Problem(fold.training, parameters), options)
+            solution = solve(Problem(training, parameters), options)
         except SamplesError:
             return None
         if not solution.converged:
             return None
         each = iter(noise)
-        levels = [[next(each) for _ in term.blocks] for term in fold.training]
+        levels = [[next(each) for _ in term.blocks] for term in training]
         squares, count, lengths = 0.0, 0, []
         terms = assess(solution, list(fold.held_out.values())).validation
         for k, term in zip(fold.held_out, terms, strict=True):

@@ -23,7 +23,8 @@ def residuals(term: Term, values: dict[str, float]) -> list[np.ndarray]:
     problem = Problem([term], dh_parameters(scene_arm(term)))
     x = np.array([values[name] for name in problem.names])
     lines = problem.linearise(x, problem.assumed_sigmas())
-    return [line.residual.copy() for line in lines]
+    # What the rows of a sample share is whitened by what the pictures at hand say of it.
+    return [(line.residual if line.measured is None else line.measured).copy() for line in lines]
 
 
 def scene_arm(term: Term) -> ArmModel:
@@ -157,8 +158,10 @@ def test_simulated_again_it_fits_what_was_taken_for_the_truth(name: str) -> None
     values = problem.values(problem.start(s.truth))
     (again,) = resimulated([term], values, [0.0] * len(term.blocks), np.random.default_rng(0))
     assert [len(b) for b in again.blocks] == [len(b) for b in term.blocks]
-    for residual in residuals(again, values):
-        assert np.abs(residual).max() < 1e-8
+    for block, residual in zip(again.blocks, residuals(again, values), strict=True):
+        # A hand with play is somewhere else anew, by 0.2 mm and 0.5 mrad.
+        most = 1e-8 if block.sample_errors is None else 2e-3
+        assert np.abs(residual).max() < most
 
 
 def test_the_twice_taken_sample_of_pairs_makes_no_pair_with_itself() -> None:

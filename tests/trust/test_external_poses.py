@@ -43,6 +43,7 @@ WORDS = {
 }
 CAMERAS = {
     "camera_view": {"hand_eye": "camera in tip", "target": "board in base"},
+    "camera_view of a hand with play": {"hand_eye": "camera in tip", "target": "board in base"},
     "camera_view beside": {"hand_eye": "camera in base", "target": "board in tip"},
     "points": {"hand_eye": "camera in tip"},
     "points on the tip": {"hand_eye": "camera in base"},
