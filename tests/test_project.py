@@ -109,3 +109,14 @@ def test_conda_asks_for_what_pip_asks_for(project: dict[str, Any], repository: P
 def test_no_constraint_names_an_index(repository: Path):
     for file in repository.glob("constraints*.txt"):
         assert "://" not in file.read_text(encoding="utf-8")
+
+
+def test_no_file_names_a_package_index(repository: Path) -> None:
+    """Whoever installs it has an index of their own: nothing here depends on another one."""
+    hosts = re.compile("|".join([r"\bpypi" + r"\.org", "python" + "hosted"]))
+    folders = ("docs", "suta_calib", ".github", "conda", "tools", "notebooks")
+    files = [f for f in repository.iterdir() if f.is_file()]
+    files += [f for folder in folders for f in (repository / folder).rglob("*") if f.is_file()]
+    texts = {".md", ".py", ".txt", ".toml", ".yml", ".yaml", ".cff", ".ipynb", ".lock", ".cfg"}
+    read = [f for f in files if f.suffix in texts and "_build" not in f.parts]
+    assert [f.name for f in read if hosts.search(f.read_text(encoding="utf-8"))] == []
