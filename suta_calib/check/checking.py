@@ -18,11 +18,12 @@ from functools import cached_property
 from typing import Final
 
 import numpy as np
-from scipy.linalg import block_diag, solve_triangular
+from scipy.linalg import solve_triangular
 from scipy.special import chdtri
 
 from suta_calib.arrays import FloatArray, IntArray
 from suta_calib.assessment import Assessment, judged
+from suta_calib.check.changed import ChangedParameters
 from suta_calib.check.error_model import LearnedErrors
 from suta_calib.check.family import Family
 from suta_calib.check.new_rows import NewRows
@@ -405,7 +406,7 @@ class Checking:
         return np.asarray(freed)
 
     def fit(
-        self, rows: NewRows, freed: Moved | None = None, extra: FloatArray | None = None
+        self, rows: NewRows, freed: ChangedParameters | None = None, extra: FloatArray | None = None
     ) -> LinearFit:
         """The rows freed of their covariance.
 
@@ -414,9 +415,14 @@ class Checking:
             freed: what changed, which follows beside what is the rows' own.
             extra: (m, j) what else they may have, such as a bad row.
         """
-        freed = Moved() if freed is None else freed
+        freed = ChangedParameters() if freed is None else freed
         extra = np.zeros((len(rows.residual), 0)) if extra is None else extra
-        both = [rows.jacobian[:, self.own], freed.columns(rows), extra, rows.residual[:, None]]
+        both = [
+            rows.jacobian[:, self.own],
+            freed.columns(rows.jacobian),
+            extra,
+            rows.residual[:, None],
+        ]
         white = self.white(np.hstack(both))
         more = np.zeros(freed.count + extra.shape[1])
         own = rows.problem.prior_precision()[self.own]
@@ -518,7 +524,7 @@ class Checking:
 
         The first by Schwarz's criterion.
         """
-        rows, freed = self.start, Moved()
+        rows, freed = self.start, ChangedParameters()
         extra, bad, changes = np.zeros((len(rows.residual), 0)), list[int](), list[FoundChange]()
         fit = self.fit(rows, freed, extra)
         squares = fit.squares
@@ -544,7 +550,8 @@ class Checking:
                 changes.append(_change(certain, family, rows))
                 suspect = suspect_of(certain[0])
                 if suspect.names:
-                    freed = freed.beside(rows, changes[-1])
+                    at = [rows.problem.names.index(name) for name in suspect.names]
+                    freed = freed.beside(at, changes[-1].directions)
                     rows = self._settled(rows, freed, extra)
                 else:
                     extra = np.hstack([extra, suspect.columns])
@@ -608,7 +615,7 @@ class Checking:
         white = np.split(self.white(np.hstack([s.columns for s in suspects])), ends[:-1], axis=1)
         return [replace(s.effect, columns=c) for s, c in zip(suspects, white, strict=True)]
 
-    def _settled(self, rows: NewRows, freed: Moved, extra: FloatArray) -> NewRows:
+    def _settled(self, rows: NewRows, freed: ChangedParameters, extra: FloatArray) -> NewRows:
         """The rows where what changed, and what they alone tell, has been moved to fit them."""
         own = len(self.own)
         # A change that is no small one is found in a few steps.
@@ -641,36 +648,6 @@ class Checking:
             return None
         sample: int = best.effect.about
         return sample
-
-
-@dataclass(frozen=True, eq=False)
-class Moved:
-    """Parameters that changed, along what rows tell of them.
-
-    Of a link with six numbers few rows may tell two: the others stay.
-
-    Attributes:
-        at: (k,) numbers of the parameters.
-        along: (k, r) directions in which they move.
-    """
-
-    at: IntArray = field(default_factory=lambda: np.zeros(0, dtype=np.intp))
-    along: FloatArray = field(default_factory=lambda: np.zeros((0, 0)))
-
-    @property
-    def count(self) -> int:
-        """How many directions there are."""
-        return int(self.along.shape[1])
-
-    def beside(self, rows: NewRows, change: FoundChange) -> Moved:
-        """These, and what changed too."""
-        added = np.array([rows.problem.names.index(name) for name in change.names], dtype=np.intp)
-        along = block_diag(self.along, change.directions) if self.count else change.directions
-        return Moved(np.concatenate([self.at, added]), np.asarray(along))
-
-    def columns(self, rows: NewRows) -> FloatArray:
-        """(m, r) derivative of the rows."""
-        return np.asarray(rows.jacobian[:, self.at] @ self.along)
 
 
 def _change(certain: Sequence[Evidence], family: Family, rows: NewRows) -> FoundChange:
