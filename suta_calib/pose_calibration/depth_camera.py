@@ -58,7 +58,12 @@ from suta_calib.terms.hand_eye_start import (
     inverse_poses,
 )
 from suta_calib.terms.poses import MeasuredPoses
-from suta_calib.trust.uncertainty_budget import AS_STATED, Scatter, UncertaintyBudget, pose_budgets
+from suta_calib.trust.uncertainty_budget import (
+    AS_STATED,
+    KnownScatter,
+    UncertaintyBudget,
+    pose_budgets,
+)
 from suta_calib.units import from_deg, mm, text
 from suta_calib.words import enumerated, listed
 
@@ -144,7 +149,7 @@ class DepthCameraCalibration(Displayable, AccuracyOfX, FittedRows):
     points: FloatArray
     thing_of: IntArray
     wrong: tuple[str, ...] = ()
-    scatter: Scatter = AS_STATED
+    scatter: KnownScatter = AS_STATED
     by_prior: Mapping[str, FloatArray] = field(default_factory=dict)
 
     @property
@@ -509,7 +514,7 @@ def _answer(
         thing_of=np.concatenate(which),
         notes=notes,
         wrong=wrong,
-        scatter=Scatter(float(fit.freedom), student=True),
+        scatter=KnownScatter(float(fit.freedom), student=True),
         by_prior={_ASSUMED[k]: part[np.ix_(order, order)] for k, part in enumerate(fit.by_prior)},
     )
 

@@ -24,7 +24,12 @@ from suta_calib.terms.poses import MeasuredPoses
 from suta_calib.terms.profile_fit import ScanFit, causes, fit_scans, model_of
 from suta_calib.terms.profile_rows import with_profiles
 from suta_calib.terms.profile_start import BallModel, in_scanner
-from suta_calib.trust.uncertainty_budget import AS_STATED, Scatter, UncertaintyBudget, pose_budgets
+from suta_calib.trust.uncertainty_budget import (
+    AS_STATED,
+    KnownScatter,
+    UncertaintyBudget,
+    pose_budgets,
+)
 from suta_calib.units import from_deg, mm, text
 from suta_calib.words import listed
 
@@ -67,7 +72,7 @@ class LineScannerCalibration(Displayable, AccuracyOfX, FittedRows):
     hand_noise: float
     profiles: FloatArray
     wrong: tuple[str, ...] = ()
-    scatter: Scatter = AS_STATED
+    scatter: KnownScatter = AS_STATED
     by_source: Mapping[str, FloatArray] = field(default_factory=dict)
 
     @property
@@ -243,7 +248,7 @@ def _answer(
         profiles=every,
         notes=notes,
         wrong=wrong,
-        scatter=Scatter(float(fit.freedom), student=True),
+        scatter=KnownScatter(float(fit.freedom), student=True),
         by_source={
             words: part[np.ix_(order, order)]
             for words, part in zip(model.sources, fit.by_source, strict=True)

@@ -37,7 +37,7 @@ from suta_calib.terms.board_pictures import QUOTED, TURNED
 from suta_calib.terms.hand_eye_start import EYE_IN_HAND, EyeSetup
 from suta_calib.terms.intrinsics import CALIBRATED
 from suta_calib.terms.lens_choice import LensChoice
-from suta_calib.trust.uncertainty_budget import Scatter, UncertaintyBudget, pose_budgets
+from suta_calib.trust.uncertainty_budget import KnownScatter, UncertaintyBudget, pose_budgets
 from suta_calib.units import std_text
 from suta_calib.words import listed
 
@@ -148,7 +148,7 @@ class CameraEstimate(Displayable, EyePoses):
         stated = {"intrinsics, as the camera's file states them": self.by_file[:6, :6]}
         # Poses of X and Z; what their noise may be is in the covariance.
         freedom = WAYS * int(self.inliers.sum()) - 12
-        scatter = Scatter(float(max(freedom, 1)), student=True)
+        scatter = KnownScatter(float(max(freedom, 1)), student=True)
         return pose_budgets(name, self.covariance[:6, :6], scatter, stated)
 
     @property

@@ -33,7 +33,7 @@ from suta_calib.terms.board_pictures import BoardPictures
 from suta_calib.terms.hand_eye_start import HALF_TURN, Poses
 from suta_calib.terms.intrinsics import CALIBRATED, HELD, prior_beside
 from suta_calib.terms.misread_pictures import check_files
-from suta_calib.trust.uncertainty_budget import Scatter, pose_budgets
+from suta_calib.trust.uncertainty_budget import KnownScatter, pose_budgets
 from suta_calib.words import listed
 
 # Pictures that a sentence names.
@@ -103,7 +103,7 @@ class RigCalibration:
         budgets = pose_budgets(
             f"camera {second}",
             covariance,
-            Scatter(self.freedom),
+            KnownScatter(self.freedom),
             {f"size of the board ({1e6 * self.scale:,.0f} ppm)": scaled},
         )
         std = np.sqrt(np.maximum(np.diag(covariance), 0.0))

@@ -21,7 +21,7 @@ from suta_calib.trust.hypotheses.moved_at_a_row import Moved
 from suta_calib.trust.hypotheses.outlier_block import OutlierBlock
 from suta_calib.trust.hypothesis import Finding
 from suta_calib.trust.rule import Rule
-from suta_calib.trust.uncertainty_budget import AS_STATED, Scatter
+from suta_calib.trust.uncertainty_budget import AS_STATED, KnownScatter
 from suta_calib.units import text
 from suta_calib.words import listed
 
@@ -109,7 +109,7 @@ class RobustAnswer(FittedRows):
     examination: Examination | None = None
     weighed: tuple[Finding, ...] = ()
     rule: Rule = Rule()
-    scatter: Scatter = AS_STATED
+    scatter: KnownScatter = AS_STATED
 
     def evidence(self, hypothesis: str) -> Evidence | None:
         """On a hypothesis by its name; None where it was not tested."""

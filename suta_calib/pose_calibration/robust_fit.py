@@ -39,7 +39,7 @@ from suta_calib.terms.term import Term
 from suta_calib.trust.evidence import Evidence, log_ways
 from suta_calib.trust.examination import Examination, MeasuredRows
 from suta_calib.trust.serial_correlation import blocks, correlation_length
-from suta_calib.trust.uncertainty_budget import AS_STATED, Scatter
+from suta_calib.trust.uncertainty_budget import AS_STATED, KnownScatter
 
 # Rows from which on each may speak for its own scatter.
 MANY_ROWS: Final = 30
@@ -77,7 +77,7 @@ class RobustFit:
     sigmas: tuple[float, ...]
     spread: Callable[[Sequence[FloatArray]], FloatArray]
     agreement: Agreement | None = None
-    scatter: Scatter = AS_STATED
+    scatter: KnownScatter = AS_STATED
 
     @cached_property
     def covariance(self) -> FloatArray:
@@ -304,7 +304,7 @@ def _settled(
 
     none = np.zeros_like(inliers)
     scatters = tuple(float(s) for s in levels)
-    known = Scatter(freedom, uncertain > 1.0)
+    known = KnownScatter(freedom, uncertain > 1.0)
     return RobustFit(solution, residuals, inliers, none, scatters, spread, agreement, known)
 
 

@@ -44,7 +44,7 @@ STATED: Final = "standard deviations that the files state"
 
 
 @dataclass(frozen=True)
-class Scatter(Displayable):
+class KnownScatter(Displayable):
     """How well the scatter behind a covariance is known.
 
     Attributes:
@@ -56,7 +56,7 @@ class Scatter(Displayable):
     student: bool = False
 
 
-AS_STATED: Final = Scatter()
+AS_STATED: Final = KnownScatter()
 
 
 @dataclass(frozen=True)
@@ -194,7 +194,7 @@ def axis_budget(
     of: str,
     unit: Unit,
     covariance: FloatArray,
-    scatter: Scatter,
+    scatter: KnownScatter,
     stated: Mapping[str, FloatArray] = NOTHING,
     shown: Mapping[str, FloatArray] = NOTHING,
 ) -> UncertaintyBudget:
@@ -227,7 +227,7 @@ def axis_budget(
 def pose_budgets(
     pose: str,
     covariance: FloatArray,
-    scatter: Scatter,
+    scatter: KnownScatter,
     stated: Mapping[str, FloatArray] = NOTHING,
     shown: Mapping[str, FloatArray] = NOTHING,
 ) -> tuple[UncertaintyBudget, ...]:

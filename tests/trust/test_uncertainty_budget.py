@@ -21,7 +21,7 @@ from suta_calib.trust.extended_problem import effective_unknowns
 from suta_calib.trust.tip import sensitivity
 from suta_calib.trust.uncertainty_budget import (
     Contribution,
-    Scatter,
+    KnownScatter,
     UncertaintyBudget,
     axis_budget,
     coverage_factor,
@@ -89,20 +89,22 @@ def test_the_factor_is_two_where_the_scatter_is_known() -> None:
 def test_a_vector_s_parts_add_up() -> None:
     stated = np.diag([1.0, 2.0, 3.0])
     parts = {"scale": stated, "nothing": 0.0 * stated}
-    budget = axis_budget("t", "m", 4.0 * np.eye(3), Scatter(20.0), parts, {"hand": 0.5 * stated})
+    budget = axis_budget(
+        "t", "m", 4.0 * np.eye(3), KnownScatter(20.0), parts, {"hand": 0.5 * stated}
+    )
     assert budget.std == pytest.approx(2.0)
     assert [part.evaluation for part in budget.contributions] == ["A", "A", "B"]
     assert [part.std**2 for part in budget.contributions] == pytest.approx([1.0, 1.0, 2.0])
-    assert axis_budget("t", "m", stated, Scatter()).contributions[0].evaluation == "B"
+    assert axis_budget("t", "m", stated, KnownScatter()).contributions[0].evaluation == "B"
 
 
 def test_what_has_student_s_variance_needs_no_larger_factor() -> None:
-    told = axis_budget("t", "m", np.eye(3), Scatter(6.0, student=True))
+    told = axis_budget("t", "m", np.eye(3), KnownScatter(6.0, student=True))
     assert told.factor == 2.0
     assert told.contributions[0].freedom == 6.0
     # It covers what the quantile of as many degrees of freedom covers of the scatter itself.
     assert stats.t.cdf(2.0 * math.sqrt(6.0 / 4.0), 6.0) == pytest.approx(0.975, abs=2e-3)
-    assert axis_budget("t", "m", np.eye(3), Scatter(6.0)).factor > 2.5
+    assert axis_budget("t", "m", np.eye(3), KnownScatter(6.0)).factor > 2.5
 
 
 @pytest.mark.parametrize("trials", of_size(200, 1000))
