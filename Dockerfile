@@ -14,11 +14,13 @@ RUN pip wheel --no-cache-dir --no-deps --wheel-dir /wheel .
 
 FROM python:3.13-slim
 ARG EXTRAS=""
-COPY constraints.txt /tmp/
+COPY constraints.txt requirements.lock /tmp/
 RUN --mount=type=bind,from=wheel,source=/wheel,target=/wheel \
-    pip install --no-cache-dir -c /tmp/constraints.txt "$(echo /wheel/*.whl)${EXTRAS}" \
+    pip install --no-cache-dir --require-hashes -r /tmp/requirements.lock \
+    && pip install --no-cache-dir -c /tmp/constraints.txt "$(echo /wheel/*.whl)${EXTRAS}" \
     && useradd --create-home --uid 1000 calibration
-USER calibration
+# Its number: a host knows no names.
+USER 1000
 # Whoever the container runs as may write there.
 ENV MPLCONFIGDIR=/tmp/matplotlib
 WORKDIR /work

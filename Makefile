@@ -42,7 +42,7 @@ unexport PYTHONDONTWRITEBYTECODE
 
 .DEFAULT_GOAL := help
 .PHONY: help demo thesis measured test coverage test-all test-lowest lint style format bench bench-device
-.PHONY: clean distclean docs dist
+.PHONY: clean distclean docs dist lock
 .DELETE_ON_ERROR:
 
 help:
@@ -57,6 +57,7 @@ help:
 	@echo "make bench-device  the wire alone, at full length: 100 million bytes of noise, 60 s streams"
 	@echo "make docs       the documentation site: docs/_build/html/index.html"
 	@echo "make dist       what a release uploads: built, looked at, installed where nothing is, tried"
+	@echo "make lock       requirements.lock from constraints.txt: the plain package's versions with hashes"
 	@echo "make lint       ruff and mypy only"
 	@echo "make format     let ruff format the code and mend what it can"
 	@echo "make clean      remove caches and results"
@@ -100,6 +101,11 @@ docs: $(INSTALLED_DOCS)
 # Some minutes: an empty environment for each Python that is here, with the newest and the oldest.
 dist: $(INSTALLED_RELEASE)
 	$(BIN)/python tools/dist.py
+
+# For every system and Python; no index is named in it.
+lock: $(INSTALLED_RELEASE)
+	$(BIN)/uv pip compile pyproject.toml -c constraints.txt --universal --python-version 3.11 --quiet \
+		--generate-hashes --no-emit-index-url --no-annotate --custom-compile-command "make lock" --output-file requirements.lock
 
 lint: style
 	$(BIN)/mypy

@@ -25,9 +25,14 @@ def project(repository: Path) -> dict[str, Any]:
 
 
 def pinned(file: Path) -> dict[str, Version]:
-    """Package → the version a constraints file asks for."""
-    lines = re.findall(r"^([\w.-]+)==(\S+)$", file.read_text(encoding="utf-8"), re.M)
-    return {canonical(name): Version(number) for name, number in lines}
+    """Package → the version a constraints file asks for, on Python 3.11."""
+    lines = re.findall(r"^[\w.-]+==[^\\\n]+", file.read_text(encoding="utf-8"), re.M)
+    asked = [
+        line
+        for line in map(Requirement, lines)
+        if line.marker is None or line.marker.evaluate({"python_version": "3.11"})
+    ]
+    return {canonical(line.name): Version(str(line.specifier)[2:]) for line in asked}
 
 
 def canonical(name: str) -> str:
@@ -106,8 +111,14 @@ def test_conda_asks_for_what_pip_asks_for(project: dict[str, Any], repository: P
     ]
 
 
+def test_locked_are_the_versions_of_the_constraints(project: dict[str, Any], repository: Path):
+    locked = pinned(repository / "requirements.lock")
+    assert locked.items() <= pinned(repository / "constraints.txt").items()
+    assert {canonical(r.name) for r in required(project)} <= locked.keys()
+
+
 def test_no_constraint_names_an_index(repository: Path):
-    for file in repository.glob("constraints*.txt"):
+    for file in (*repository.glob("constraints*.txt"), repository / "requirements.lock"):
         assert "://" not in file.read_text(encoding="utf-8")
 
 
