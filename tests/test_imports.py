@@ -105,6 +105,18 @@ def test_a_process_that_only_reads_a_port_loads_no_mathematics() -> None:
     assert not run.stdout.split()
 
 
+def test_only_planning_loads_the_distributions_of_scipy(repository: Path) -> None:
+    # They take half a second to import; `scipy.special` has the functions.
+    files = (repository / "suta_calib").rglob("*.py")
+    imports = [
+        file.name
+        for file in sorted(files)
+        for line in file.read_text(encoding="utf-8").splitlines()
+        if line.split()[:1] in (["from"], ["import"]) and "scipy" in line and "stats" in line
+    ]
+    assert imports == ["region.py"]
+
+
 def modules(package: Path) -> dict[str, Path]:
     """Every module of a package by its full name."""
     return {

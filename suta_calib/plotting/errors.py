@@ -75,8 +75,12 @@ def draw_grouped_errors(
     axes.hlines(np.tile(rows, 2), *ends, colors="black", lw=1.0)
     axes.plot(np.concatenate([low, high]), np.tile(rows, 2), "|", c="black", ms=5)
     axes.vlines(middle, rows - 0.31, rows + 0.31, colors="black", lw=1.6)
+    widest = max(float(box["fliers"].max(initial=0.0)) for box in boxes)
     for row, box in enumerate(boxes):
-        axes.plot(box["fliers"], np.full(len(box["fliers"]), row), "o", mfc="none", mec=GREY, ms=3)
+        # Of thousands most would hide each other: one for each half of a mark is enough.
+        half_marks = np.round(box["fliers"] / max(widest, 1e-300) * 300)
+        points = box["fliers"][np.unique(half_marks, return_index=True)[1]]
+        axes.plot(points, np.full(len(points), row), "o", mfc="none", mec=GREY, ms=3)
     names = [shortened(f"{name}  ({len(errors)})") for name, errors in ranked]
     axes.set_yticks(rows, names)
     axes.set_ylim(len(rows) - 0.5, -0.5)

@@ -238,6 +238,8 @@ class ArmPoses(PoseSource):
         """The same arm's poses, at times that an unknown of this name moves."""
         poses = ArmPoses(self.arm, samples)
         poses.clock = name
+        if samples.q is self.samples.q and samples.payload is self.samples.payload:
+            poses._levers, poses._standing = self._levers, self._standing
         return poses
 
     def with_felt_error(self, felt: str, error: FloatArray) -> ArmPoses:
@@ -413,14 +415,19 @@ def together(q: FloatArray, tolerance: float = WANDER) -> IntArray:
     if not steps.size:
         return first
     tree = KDTree(steps)
-    # The nearest row of each is itself.
-    second, _ = tree.query(steps, k=[2], p=np.inf, distance_upper_bound=1.0)
-    waiting = np.isfinite(second[:, 0])
+    # Most groups are small: all rows at once are asked for so many neighbours. The nearest row of
+    # each is itself; a place that stays empty has the number of no row.
+    at_once, up_to = 8, float(np.nextafter(1.0, 2.0))
+    distance, close = tree.query(steps, k=at_once, p=np.inf, distance_upper_bound=up_to)
+    waiting = np.append(distance[:, 1] < 1.0, False)
     if not waiting.any():
         return first
+    more = np.isfinite(distance[:, -1])
     for row in np.flatnonzero(waiting):
         if waiting[row]:
-            near = np.array(tree.query_ball_point(steps[row], 1.0, p=np.inf))
+            near = close[row]
+            if more[row]:
+                near = np.array(tree.query_ball_point(steps[row], 1.0, p=np.inf))
             near = near[waiting[near]]
             first[near], waiting[near] = row, False
     return np.asarray(np.unique(first, return_inverse=True)[1], dtype=np.intp)

@@ -9,12 +9,13 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
+from scipy.sparse import coo_array
 
 from suta_calib.arrays import FloatArray, IntArray
 from suta_calib.display import Displayable
 from suta_calib.solver.information import Rows, scaled_inverse
 from suta_calib.solver.losses import huber, huber_weight
-from suta_calib.terms.block import grouped_rows, summed
+from suta_calib.terms.block import grouped_rows
 
 
 @dataclass(frozen=True, eq=False)
@@ -242,20 +243,30 @@ class LinearFit(Displayable):
         scores = self.scores(columns, residual)
         if self.clusters is None:
             return np.asarray(scores.T @ scores)
-        count = int(self.clusters.max()) + 1
-        by_cluster, members = np.zeros((count, scores.shape[1])), self.clusters
-        for member in members.T:
-            grouped = member >= 0
-            by_cluster += summed(scores[grouped], member[grouped], count)
-        variance = by_cluster.T @ by_cluster
+        variance = np.zeros((scores.shape[1],) * 2)
+        for factor, matrix in self._touches:
+            together = scores if matrix is None else np.asarray(matrix @ scores)
+            variance += factor * (together.T @ together)
+        return variance
+
+    @cached_property
+    def _touches(self) -> list[tuple[int, Any]]:
+        """Matrices (·, m) that sum what rows with a common touch share, and how often each counts.
+
+        None for rows that have nothing in common.
+        """
+        assert self.clusters is not None
+        rows, members = np.arange(len(self.clusters)), self.clusters
+        row, place = np.nonzero(members >= 0)
+        found: list[tuple[int, Any]] = [(1, _summing(members[row, place], row, len(rows)))]
         shared = np.sum(members >= 0, axis=1)
         # A row of two touches was counted at both (Cameron, Gelbach and Miller).
-        for size in np.unique(shared[shared > 1]):
-            grouped = shared == size
+        for size in np.unique(shared[shared > 1]).tolist():
+            grouped = rows[shared == size]
             pair, sizes = grouped_rows(members[grouped])
-            by_pair = summed(scores[grouped], pair, len(sizes))
-            variance -= (size - 1) * by_pair.T @ by_pair
-        return np.asarray(variance)
+            apart = len(sizes) == len(rows)
+            found.append((1 - size, None if apart else _summing(pair, grouped, len(rows))))
+        return found
 
     @cached_property
     def cluster_count(self) -> int:
@@ -263,6 +274,12 @@ class LinearFit(Displayable):
         if self.clusters is None:
             return len(self.residual)
         return len(np.unique(self.clusters[self.clusters >= 0]))
+
+
+def _summing(group: IntArray, row: IntArray, count: int) -> Any:
+    """Sparse matrix (groups, count) that sums rows by their groups (k,)."""
+    ones, size = np.ones(len(row)), int(group.max(initial=-1)) + 1
+    return coo_array((ones, (group, row)), (size, count)).tocsr()
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,11 +7,13 @@ from dataclasses import replace
 from typing import Final
 
 import numpy as np
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 
 from suta_calib.arrays import IntArray
 from suta_calib.solver.problem import Problem
 from suta_calib.solver.solution import Solution
-from suta_calib.terms.block import first_of_each
+from suta_calib.terms.block import first_of_each, joined, numbered
 from suta_calib.terms.term import Term
 
 # Samples of one term that show what its residuals look like: a cause that needs more of them to
@@ -28,8 +30,8 @@ def thinned(solution: Solution) -> Solution:
     """The same solution over at most some `MOST_SAMPLES` of each term's samples, in their order.
 
     They are evenly spaced, and the first of every label among them, so that all unknowns stay what
-    they are; of corners in pictures, some `MOST_SAMPLES` in all but `ENOUGH_CORNERS` in each. Terms
-    whose rows look at several samples, such as distances, are kept as they are.
+    they are; of corners in pictures, some `MOST_SAMPLES` in all but `ENOUGH_CORNERS` in each. What
+    rows look at together, as distances do at the touches of one placement, is kept together.
     """
     problem = solution.problem
     terms = [
@@ -48,14 +50,30 @@ def thinned(solution: Solution) -> Solution:
 
 def _thinned(term: Term) -> Term:
     count = len(term.poses)
-    single = all(block.samples.shape[1] == 1 for block in term.blocks)
-    if count <= MOST_SAMPLES or not single:
+    if count <= MOST_SAMPLES:
         return term
-    even = np.arange(0, count, -(-count // MOST_SAMPLES), dtype=np.intp)
-    rows: list[IntArray] = [even]
-    for block in term.blocks:
-        rows.append(block.samples[first_of_each(block.own_columns), 0])
-    return term.take(np.unique(np.concatenate(rows)))
+    first = [block.samples[first_of_each(block.own_columns), 0] for block in term.blocks]
+    group = _looked_at_together(term)
+    kept, step = np.zeros(group.max() + 1, dtype=np.bool_), -(-count // MOST_SAMPLES)
+    even = np.arange(0, len(kept), step)
+    if len(kept) < count:
+        # Placements often follow in turn: one of each few, but not always the same of them.
+        even += np.random.default_rng(0).integers(step, size=len(even))
+    kept[even[even < len(kept)]] = True
+    kept[group[np.concatenate(first)]] = True
+    return term if kept.all() else term.take(np.flatnonzero(kept[group]))
+
+
+def _looked_at_together(term: Term) -> IntArray:
+    """(samples,) groups, by first appearance, of what rows look at together, by whole places."""
+    several = [block.samples for block in term.blocks if block.samples.shape[1] > 1]
+    alone = np.arange(len(term.poses), dtype=np.intp)
+    if not several:
+        return alone
+    pairs = np.concatenate([each[:, [0, k]] for each in several for k in range(1, each.shape[1])])
+    links = coo_array((np.ones(len(pairs)), pairs.T), (len(alone),) * 2)
+    _, together = connected_components(links, directed=False)
+    return numbered(joined(together.astype(np.intp), term.places[1]))[1]
 
 
 def of_fewer_corners(term: Term, most: int) -> Term:

@@ -16,7 +16,7 @@ from types import MappingProxyType
 from typing import Final, Literal
 
 import numpy as np
-from scipy import stats
+from scipy.special import stdtrit
 
 from suta_calib.arrays import FloatArray
 from suta_calib.display import Displayable
@@ -139,7 +139,7 @@ def coverage_factor(freedom: float) -> float:
     """
     if not math.isfinite(freedom):
         return 2.0
-    return max(2.0, float(stats.t.ppf((1.0 + COVERAGE) / 2.0, max(freedom, 1.0))))
+    return max(2.0, float(stdtrit(max(freedom, 1.0), (1.0 + COVERAGE) / 2.0)))
 
 
 def tip_budget(solution: Solution, unknowns: float) -> UncertaintyBudget | None:

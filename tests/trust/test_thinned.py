@@ -5,13 +5,14 @@ from __future__ import annotations
 import math
 import tracemalloc
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 from judging import assessed
 from simulated import Scene, Spread, arm_named, camera_scene, perturbed, tracked_scene
 
-from suta_calib import Noise, Problem, Samples, Selection, SolverOptions, solve
+from suta_calib import CalibrationJob, Noise, Problem, Samples, Selection, SolverOptions, solve
 from suta_calib.measurements import Camera
 from suta_calib.solver.solution import Solution
 from suta_calib.terms import ArmPoses, TrackedPoint
@@ -22,6 +23,7 @@ from suta_calib.trust.subsampled import thinned
 
 NOISE = Spread(position=1e-4)
 ARM = arm_named("suta")
+DISTANCES = Path(__file__).parents[2] / "data" / "suta" / "calibration.yaml"
 UNKNOWN = ARM.select(Selection(("*.offset",), bound_rad=0.26))
 TRUTH = perturbed(UNKNOWN, 3, angle=5e-3)
 
@@ -53,6 +55,24 @@ def test_of_many_rows_some_are_in_order_with_all_unknowns(monkeypatch: pytest.Mo
     assert set(kept.labels["target"]) == {"A", "B"}
     lines = [int(origin.split()[-1]) for origin in kept.origin]
     assert lines == sorted(lines)
+    assert fewer.values == solution.values
+
+
+def test_of_many_distances_those_of_whole_placements_are_kept(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    job = CalibrationJob.load(DISTANCES)
+    solution = solve(Problem(job.observations, job.parameters), SolverOptions())
+    monkeypatch.setattr(thinning, "MOST_SAMPLES", 100)
+    fewer = thinned(solution)
+    (before,), (after,) = solution.problem.terms, fewer.problem.terms
+    places = [term.poses.samples.labels["placement"] for term in (before, after)]
+    kept = np.isin(places[0], places[1])
+    assert len(before.poses) > 200
+    assert 60 <= len(after.poses) <= 150
+    np.testing.assert_array_equal(after.poses.samples.q, before.poses.samples.q[kept])
+    both_kept = kept[before.blocks[0].samples].all(axis=1)
+    assert len(after.blocks[0]) == both_kept.sum() > 300
     assert fewer.values == solution.values
 
 
