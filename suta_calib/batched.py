@@ -11,7 +11,7 @@ takes less than one. What depends on shared inputs alone is computed once, not o
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache, partial
 from typing import Any, Final, NoReturn
 
@@ -102,13 +102,20 @@ class Formula:
 
 
 @lru_cache(maxsize=128)
-def formula(function: Any, shared: tuple[int, ...]) -> Formula | None:
+def formula(
+    function: Any, shared: tuple[int, ...], wanted: tuple[int, ...] | None = None
+) -> Formula | None:
     """Read a CasADi function of column vectors; None where NumPy lacks an operation.
 
     Args:
         function: only an ``SXFunction`` consists of scalars.
         shared: indices of the inputs that are the same for every row.
+        wanted: indices of the outputs that are computed, and numbered from 0 in this order; all by
+            default.
     """
+    if wanted is not None:
+        whole = formula(function, shared)
+        return None if whole is None else _only(whole, wanted)
     if not function.is_a("SXFunction"):
         return None
     steps = range(function.n_instructions())
@@ -142,6 +149,27 @@ def formula(function: Any, shared: tuple[int, ...]) -> Formula | None:
         else:
             to.append((_BY_CODE[code], (*operands, place)))
     return Formula(tuple(once), tuple(per_row), constants, shared_places, columns)
+
+
+def _only(whole: Formula, wanted: tuple[int, ...]) -> Formula:
+    """A formula without the steps that only other outputs need."""
+    number = {output: k for k, output in enumerate(wanted)}
+    needed, kept = set[Place](), list[tuple[Operation, tuple[Place, ...]]]()
+    for operation, (*operands, (kind, which, at)) in reversed((*whole.once, *whole.per_row)):
+        place = kind, which, at
+        if kind == "output" and which in number:
+            place = kind, number[which], at
+        elif place not in needed:
+            continue
+        # Before this step its place holds another number, or none.
+        needed.discard(place)
+        needed.update(operands)
+        kept.append((operation, (*operands, place)))
+    kept.reverse()
+    same = ("alike", "shared")
+    once = tuple(step for step in kept if all(kind in same for kind, _, _ in step[1][:-1]))
+    per_row = tuple(step for step in kept if any(kind not in same for kind, _, _ in step[1][:-1]))
+    return replace(whole, once=once, per_row=per_row)
 
 
 class Elementwise:
@@ -211,6 +239,8 @@ class Batched:
         n: number of rows.
         shared: indices of the inputs that are the same for every row (given once, not n times).
         outputs: contiguous arrays (n, size) to write to; new ones by default.
+        wanted: indices of the outputs that are computed; all by default.
+        inputs: those of another, which are then shared with it.
 
     Attributes:
         inputs: one writable array per input, (n, size), or (size,) for a shared one. Fill them
@@ -225,15 +255,18 @@ class Batched:
         n: int,
         shared: Sequence[int] = (),
         outputs: Sequence[FloatArray] | None = None,
+        wanted: tuple[int, ...] | None = None,
+        inputs: list[FloatArray] | None = None,
     ) -> None:
-        self.inputs: list[FloatArray] = [
+        self.inputs: list[FloatArray] = inputs or [
             np.zeros(function.nnz_in(i) if i in shared else (n, function.nnz_in(i)))
             for i in range(function.n_in())
         ]
+        self._wanted = range(function.n_out()) if wanted is None else wanted
         self.outputs: list[FloatArray] = list(outputs or ()) or [
-            np.zeros((n, function.nnz_out(i))) for i in range(function.n_out())
+            np.zeros((n, function.nnz_out(i))) for i in self._wanted
         ]
-        rule = formula(function, tuple(shared)) if n >= _enough(function) else None
+        rule = formula(function, tuple(shared), wanted) if n >= _enough(function) else None
         if rule is not None:
             self._parts: list[Callable[[], object]] = [Elementwise(rule, self.inputs, self.outputs)]
         else:
@@ -260,7 +293,7 @@ class Batched:
                 part = array if i in shared else array[rows]
                 if array.size:
                     buffer.set_arg(i, memoryview(part.reshape(-1).data))
-            for i, array in enumerate(self.outputs):
+            for i, array in zip(self._wanted, self.outputs, strict=True):
                 if array.size:
                     buffer.set_res(i, memoryview(array[rows].reshape(-1).data))
             yield partial(_pull, trigger, buffer)

@@ -79,6 +79,23 @@ def test_numpy_does_what_casadi_does(
         np.testing.assert_allclose(found, wanted, rtol=1e-14, atol=rounding)
 
 
+@pytest.mark.parametrize("rows", [3, 300])
+@pytest.mark.parametrize("wanted", [(0,), (1,), (1, 0)])
+def test_some_outputs_are_computed_from_the_inputs_of_another(
+    rows: int, wanted: tuple[int, ...]
+) -> None:
+    x, y = ca.SX.sym("x", 2), ca.SX.sym("y")
+    # What both need, what only one does, and what depends on shared inputs alone.
+    both = ca.sin(x) * y
+    asked = ca.Function("f", [x, y], [ca.vertcat(both, ca.exp(y), x[0]), ca.sqrt(both**2 + 1) - y])
+    every = Batched(asked, rows, [1])
+    every.inputs[0][:] = np.random.default_rng(0).random((rows, 2))
+    every.inputs[1][:] = 0.3
+    found = Batched(asked, rows, [1], wanted=wanted, inputs=every.inputs)()
+    for k, array in zip(wanted, found, strict=True):
+        np.testing.assert_array_equal(array, every()[k])
+
+
 def test_what_numpy_lacks_is_casadis() -> None:
     x = ca.SX.sym("x")
     assert formula(ca.Function("f", [x], [ca.erf(x)]), ()) is None

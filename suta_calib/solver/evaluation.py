@@ -64,7 +64,6 @@ class PoseTable:
     Attributes:
         rotation: (n, 9) column by column.
         position: (n, 3), m.
-        velocity: (6 n, parameters) of the tools, m and rad per unit of the arm's parameters.
         rate: (6 n,) of the tools, m and rad per second, where a clock moves them in time.
         uncertainty: (6 n,) standard deviation of where the tools are between rows, likewise.
         changes: how often the poses have changed.
@@ -82,7 +81,11 @@ class PoseTable:
         self.first = np.concatenate([[0], np.cumsum(sizes)]).astype(np.intp)
         n = int(self.first[-1])
         self.rotation, self.position = np.zeros((n, 9)), np.zeros((n, 3))
-        self.velocity = np.zeros((6 * n, len(names)))
+        # Velocities are most of the work and of the memory: of many poses they wait for whom asks.
+        self._wait = n > AT_ONCE
+        self._later = list[tuple[slice, Any, list[FloatArray]]]()
+        self._velocities, self._velocity_at = list[Batched](), 0
+        self._velocity = np.zeros((0 if self._wait else 6 * n, len(names)))
         self.rate, self.uncertainty = np.zeros(6 * n), np.zeros(6 * n)
         self.changes = 0
         self._clocks = [*clocks] if clocks is not None else [None] * len(sizes)
@@ -98,10 +101,13 @@ class PoseTable:
             batch = None
             if isinstance(source, ArmPoses):
                 conditions = source.conditions
-                # Straight into the table: copying its velocities would take as long as they do.
-                velocity = self.velocity.reshape(n, 6 * len(names))
-                table = [array[rows] for array in (self.rotation, self.position, velocity)]
-                batch = Batched(source.arm.function(names, conditions), size, [0], table)
+                function = source.arm.function(names, conditions)
+                poses = [self.rotation[rows], self.position[rows]]
+                if self._wait:
+                    batch = Batched(function, size, [0], poses, (0, 1))
+                    self._later.append((rows, function, batch.inputs))
+                else:
+                    batch = Batched(function, size, [0], [*poses, self._velocity_of(rows)])
                 inputs = (source.samples.q, *conditions.values())
                 for place, values in zip(batch.inputs[1:], inputs, strict=True):
                     place[:] = values
@@ -116,8 +122,34 @@ class PoseTable:
                 moved = MovedInTime(source, names, self.rate[six], self.uncertainty[six])
             self._moved.append(moved)
 
+    @property
+    def velocity(self) -> FloatArray:
+        """(6 n, parameters) of the tools, m and rad per unit of the arm's parameters."""
+        if self._wait and self._velocity_at != self.changes:
+            if not len(self._velocity):
+                self._velocity = np.zeros((6 * len(self.position), self._velocity.shape[1]))
+                self._velocities = [
+                    Batched(
+                        function,
+                        len(inputs[1]),
+                        [0],
+                        [self._velocity_of(rows)],
+                        (2,),
+                        inputs=inputs,
+                    )
+                    for rows, function, inputs in self._later
+                ]
+            for batch in self._velocities:
+                batch()
+            self._velocity_at = self.changes
+        return self._velocity
+
+    def _velocity_of(self, rows: slice) -> FloatArray:
+        """Of some poses: copying what a function writes would take as long as it does."""
+        return self._velocity.reshape(len(self.position), -1 if self._velocity.size else 0)[rows]
+
     def update(self, x: FloatArray) -> None:
-        """All poses and velocities for parameter values (n,), the arm's first.
+        """All poses for parameter values (n,), the arm's first, and how they move with these.
 
         Of the others, only the clocks' are looked at. They may be there already.
         """
@@ -128,7 +160,7 @@ class PoseTable:
             return
         self._theta = theta.copy()
         self.changes += 1
-        count = self.velocity.shape[1]
+        count = self._velocity.shape[1]
         delay = 0.0 if self._delay is None else float(x[self._delay])
         for (_, batch), moved, clock, lag in zip(
             self._sources, self._moved, self._clocks, self._lags, strict=True
@@ -149,8 +181,8 @@ class PoseTable:
         readings = [b.inputs[1].copy() if b else None for _, b in self._sources]
         poses, theta = (self.rotation.copy(), self.position.copy()), self._theta
         # Of few samples keeping what is known takes less than to find it again.
-        small = len(self.position) <= AT_ONCE
-        velocity, rate = (self.velocity.copy(), self.rate.copy()) if small else (None, None)
+        small = not self._wait
+        velocity, rate = (self._velocity.copy(), self.rate.copy()) if small else (None, None)
         self._theta = None
         sources = zip(self._sources, self._moved, shifts, strict=True)
         late = ExitStack()
@@ -175,7 +207,7 @@ class PoseTable:
                 moved.shift = 0.0
             self.rotation[:], self.position[:] = poses
             if velocity is not None and rate is not None:
-                self.velocity[:], self.rate[:], self._theta = velocity, rate, theta
+                self._velocity[:], self.rate[:], self._theta = velocity, rate, theta
                 self.changes += 1
             for (_, batch), q in zip(self._sources, readings, strict=True):
                 if batch is not None:
@@ -238,8 +270,8 @@ class Linearised:
         residual: (n, d), of rows that state standard deviations relative to what they state;
             where there are `SampleErrors`, whitened, like the derivatives.
         pattern: where derivatives belong in the whole Jacobian.
-        of_arm: the same of what moves each row's own pose, which moves by this velocity (6·poses,
-            parameters): of rows with a lag others than those of the samples.
+        of_arm: the same of what moves each row's own pose, and the table of these: of rows with a
+            lag others than those of the samples.
         by_pose: (n, d, c) derivative by the pose velocities the rows look at.
         by_own: (n, d, m) derivative by the own parameters.
         sigma: (n,) standard deviation of one component.
@@ -251,7 +283,7 @@ class Linearised:
 
     view: BlockView
     pattern: RowPattern
-    of_arm: tuple[RowPattern, FloatArray]
+    of_arm: tuple[RowPattern, PoseTable]
     residual: FloatArray
     by_pose: FloatArray
     by_own: FloatArray
@@ -290,7 +322,7 @@ class Evaluation:
         self.table = PoseTable(sources, arm_names, clocks)
         self.views = tuple(views)
         self.arm_count, self.own_count = len(arm_names), own_count
-        width = len(self.table.velocity)
+        width = 6 * len(self.table.position)
         self._at: tuple[int, bytes] | None = None
         self._found: list[tuple[FloatArray, FloatArray, FloatArray, FloatArray | None]] = []
         self._kernels = [
@@ -342,7 +374,7 @@ class Evaluation:
             weight = huber_weight(squared, view.threshold / spread)
             lines.append(
                 Linearised(
-                    *(view, kernel.pattern, (kernel.of_arm, table.velocity)),
+                    *(view, kernel.pattern, (kernel.of_arm, table)),
                     *(residual, by_pose, by_own),
                     *(spread, kernel.known_sigma, squared, weight),
                     measured,
@@ -442,8 +474,8 @@ class Evaluation:
             rows = slice(first, min(first + AT_ONCE, len(line.residual)))
             both = list[FloatArray]()
             if arm:
-                pattern, velocity = line.of_arm
-                both.append(pattern.by_parameters(line.by_pose, velocity, rows))
+                pattern, table = line.of_arm
+                both.append(pattern.by_parameters(line.by_pose, table.velocity, rows))
             if by_own is not None:
                 both.append(dense(by_own[size * rows.start : size * rows.stop]))
             if both:
@@ -472,8 +504,8 @@ class Evaluation:
     def _arm_columns(self, line: Linearised, by_pose: FloatArray) -> Any:
         if not self.arm_count:
             return np.zeros((line.residual.size, 0))
-        pattern, velocity = line.of_arm
-        return pattern.by_parameters(by_pose, velocity)
+        pattern, table = line.of_arm
+        return pattern.by_parameters(by_pose, table.velocity)
 
     @staticmethod
     def _cost(line: Linearised) -> float:
