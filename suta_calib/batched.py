@@ -22,7 +22,7 @@ from suta_calib.arrays import FloatArray
 
 # Rows that are computed at once: enough that Python's part is small, and few enough that all their
 # columns stay in a core's cache.
-HEIGHT: Final = 2048
+HEIGHT: Final = 4096
 
 # Where a number is: what of, and its place there.
 Place = tuple[str, int, int]

@@ -18,7 +18,7 @@ class GaussNewton(Solver):
     """Steps within bounds (`descent`); IPOPT goes on from where they do not settle.
 
     A start that comes to a minimum which an earlier one has found, or would by its next step, ends
-    there: what would follow is known.
+    there: what would follow is known. Of very many rows, steps over part of them come first.
 
     Attributes:
         max_iterations: of each method, per start.
@@ -36,7 +36,8 @@ class GaussNewton(Solver):
 
     def search(self, nlp: RobustNlp, z: FloatArray) -> Answer:
         """Steps to a minimum, or IPOPT from where they end."""
-        there = nlp.descend(z, settled=self.settled, steps=self.max_iterations, join=True)
+        near = nlp.by_part(z)
+        there = nlp.descend(near, settled=self.settled, steps=self.max_iterations, join=True)
         if not there.settled:
             return self._ipopt.search(nlp, there.z)
         status = SETTLED if there.joined is None else JOINED

@@ -116,6 +116,15 @@ class RobustNlp:
             self._minima.append((self.held, there.basin))
         return there
 
+    def by_part(self, z: FloatArray) -> FloatArray:
+        """Where part of very many samples leads from z (k,); z where there are few, or no way."""
+        part = self.problem.part
+        if part is None:
+            return z
+        nlp = RobustNlp(part.problem, self.free, self.sigmas)
+        there = descend(nlp.cost_gradient_hessian, nlp.begin(self._at(z)), (self.lower, self.upper))
+        return there.z if there.settled else z
+
     @property
     def in_time(self) -> bool:
         """Whether a clock is among the unknowns."""

@@ -239,15 +239,17 @@ def _cases(
     redundant = _redundant(rich, directions)
     directions |= redundant
     information = predicted_information(problem, x, problem.assumed_sigmas())
+    # How the tip moves, part of very many samples shows as well.
+    visited = problem if problem.part is None else problem.part.problem
 
     def case(c: Combination) -> _Case:
         open_directions = [d for n, d in directions.items() if n != c.fixed and n not in redundant]
         scaled = directions[c.fixed] * rich.unit / problem.parameters[c.fixed].plausible
         direction = {n: float(v) for n, v in zip(rich.names, scaled, strict=True) if v}
         return _Case(
-            problem,
+            visited,
             c.fixed,
-            tip_motion(problem, x, direction),
+            tip_motion(visited, x, direction),
             _spread(problem, direction, information),
             rich,
             np.column_stack([directions[c.fixed], *open_directions]),

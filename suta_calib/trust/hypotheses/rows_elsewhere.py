@@ -120,7 +120,7 @@ def _split(cloud: FloatArray, one: FloatArray, other: FloatArray) -> tuple[float
     """Points (n, 3) by which of two middles they are nearer to, from given middles on."""
     smaller = np.zeros(len(cloud), dtype=np.bool_)
     for _ in range(20):
-        nearer = np.linalg.norm(cloud - other, axis=1) < np.linalg.norm(cloud - one, axis=1)
+        nearer = cloud @ (other - one) > 0.5 * (other + one) @ (other - one)
         if min(nearer.sum(), (~nearer).sum()) < FEWEST:
             return None
         if np.array_equal(nearer, smaller):
