@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -32,11 +32,16 @@ def pose_of(matrix: Any, std: Record, factor: float) -> tuple[CertifiedValue, ..
     )
 
 
-def camera_table(title: str, camera: Record, factor: float) -> ValueTable | None:
-    """Intrinsics as an answer wrote them, with ``std`` of each; None where they were held."""
-    std: Record = camera.get("std") or {}
-    if not any(std.values()) or std.get("fx") is None:
-        return None
+def camera_tables(cameras: Mapping[str, Record | None], factor: float) -> Iterator[ValueTable]:
+    """Intrinsics of cameras by name, as an answer wrote them; none of those that were held."""
+    for name, camera in cameras.items():
+        if camera and ((camera.get("std") or {}).get("fx")) is not None:
+            yield camera_table(f"Intrinsics of camera {name}".rstrip(), camera, factor)
+
+
+def camera_table(title: str, camera: Record, factor: float) -> ValueTable:
+    """Intrinsics with ``std`` of each."""
+    std: Record = camera["std"]
     pairs = [(name, camera[name], std[name]) for name in std if name != "distortion"]
     distortion = zip(camera.get("distortion") or (), std.get("distortion") or (), strict=True)
     pairs += [(f"distortion {k}", *both) for k, both in enumerate(distortion, 1)]

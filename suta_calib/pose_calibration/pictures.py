@@ -80,7 +80,9 @@ from suta_calib.terms.hand_eye_start import (
     FEWEST,
     EyeSetup,
     Poses,
+    after,
     as_eye_in_hand,
+    inverse_poses,
     loop_closures,
     some_poses,
 )
@@ -583,7 +585,8 @@ def _camera_estimate(
     A = as_eye_in_hand(hand.pose, term.setup)
     rows = np.array([int(origin) for origin in term.poses.samples.origin], dtype=np.intp)
     A = A[0][rows], A[1][rows]
-    R, p = loop_closures(A, X, refined.seen_poses)
+    expected = after(inverse_poses(after(A, X)), Z)
+    R, p = loop_closures(A, X, refined.pictures.poses_near(expected))
     posed = np.isfinite(p[:, 0])
     turns = np.full(p.shape, np.nan)
     turns[posed] = vector_from_rotation(Z[0].T @ R[posed])

@@ -151,6 +151,10 @@ class BoardPictures:
         """``T_eye_board`` of every picture, by its own corners; NaN where they do not tell it."""
         return poses_in_camera(self.points, self.pixels, self.camera)
 
+    def poses_near(self, expected: Poses) -> Poses:
+        """`poses`, those that look alike from two sides as they are expected."""
+        return poses_in_camera(self.points, self.pixels, self.camera, expected)
+
     @property
     def pixel(self) -> float | None:
         """Length, m, that a pixel covers where the board typically is; None if nothing tells."""

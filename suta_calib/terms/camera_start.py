@@ -26,13 +26,18 @@ from suta_calib.measurements import Board, Camera, Corners
 PLANAR: Final = 4
 
 
-def board_poses(points: FloatArray, pixels: FloatArray) -> tuple[FloatArray, FloatArray]:
+def board_poses(
+    points: FloatArray, pixels: FloatArray, near: tuple[FloatArray, FloatArray] | None = None
+) -> tuple[FloatArray, FloatArray]:
     """``T_eye_board`` of pictures, each by its own points; NaN where these do not determine it.
 
     Points in a plane give a homography, whose first columns are the plane's axes; others a
     projection. From the nearest rotation to what is found the reprojection error is minimised. The
     board's points (k, 3) are in m; an ideal camera of focal length one sees them at pixels (n, k,
     2), NaN where it does not.
+
+    A few points of a plane look nearly the same from two sides (Schweighofer, Pinz 2006,
+    doi:10.1109/TPAMI.2006.252). Where poses are known roughly, the minimum ``near`` them is found.
     """
     rotation, position = np.full((len(pixels), 3, 3), np.nan), np.full((len(pixels), 3), np.nan)
     there = np.asarray(np.isfinite(pixels).all(axis=2))
@@ -70,13 +75,22 @@ def board_poses(points: FloatArray, pixels: FloatArray) -> tuple[FloatArray, Flo
             length = length[located]
         start = sign[located, None] * shift / length[:, None]
         turn = nearest_rotation(columns) @ axes[mine]
+        if near is not None:
+            R, p = near[0][which], near[1][which]
+            p = p + (R @ middle[mine, :, None])[..., 0]
+            ahead = ((offsets[mine] @ np.swapaxes(R, 1, 2) + p[:, None])[..., 2] > 0).all(axis=1)
+            turn = np.where(ahead[:, None, None], R, turn)
+            start = np.where(ahead[:, None], p, start)
         R, p = _refined(offsets[mine], pixels[which], there[which], turn, start)
         rotation[which], position[which] = R, p - (R @ middle[mine, :, None])[..., 0]
     return rotation, position
 
 
 def poses_in_camera(
-    points: FloatArray, pixels: FloatArray, camera: Camera
+    points: FloatArray,
+    pixels: FloatArray,
+    camera: Camera,
+    near: tuple[FloatArray, FloatArray] | None = None,
 ) -> tuple[FloatArray, FloatArray]:
     """`board_poses` of pictures (n, k, 2), px, by a camera with its lens.
 
@@ -84,9 +98,12 @@ def poses_in_camera(
     turned first, so that what is seen is ahead.
     """
     if not camera.lens.sees_behind:
-        return board_poses(points, camera.undistort(pixels))
+        return board_poses(points, camera.undistort(pixels), near)
     turn, turned, _ = ahead_of(camera.directions(pixels))
-    rotation, position = board_poses(points, turned)
+    if near is not None:
+        back = np.swapaxes(turn, 1, 2)
+        near = back @ near[0], (back @ near[1][:, :, None])[:, :, 0]
+    rotation, position = board_poses(points, turned, near)
     return turn @ rotation, (turn @ position[:, :, None])[:, :, 0]
 
 

@@ -13,10 +13,11 @@ from camera_job import CAMERA, JOB, SIMULATION
 from cli_job import answer, cli, refused
 from simulated import arm_named, camera_scene, dh_parameters, perturbed
 
+from suta_calib.arrays import FloatArray
 from suta_calib.emulation import read_truth
 from suta_calib.errors import SamplesError, SutaCalibWarning
 from suta_calib.geometry import projected
-from suta_calib.geometry.numbers import rotation_from_vector
+from suta_calib.geometry.numbers import rotation_from_vector, vector_from_rotation
 from suta_calib.job.calibration import CalibrationJob
 from suta_calib.measurements import (
     Chessboard,
@@ -336,3 +337,24 @@ def test_closed_forms_are_exact() -> None:
     np.testing.assert_allclose(found_lens, lens[:4], rtol=1e-6)
     for few in (points[:3], points[:5]):  # the first row of the board: a line
         assert np.isnan(board_poses(few, few[None, :, :2])[1]).all()
+
+
+def test_a_small_board_that_looks_alike_from_two_sides_is_where_it_is_expected() -> None:
+    random = np.random.default_rng(0)
+    points = np.array([[x, y, 0.0] for y in (0.0, 0.03) for x in (0.0, 0.03, 0.06)])
+    R = rotation_from_vector(random.uniform(-0.5, 0.5, (60, 3)))
+    p = np.array([0.0, 0.0, 1.0]) + 0.05 * random.standard_normal((60, 3))
+    seen = np.einsum("nij,kj->nki", R, points) + p[:, None]
+    pixels = seen[..., :2] / seen[..., 2:] + 2e-4 * random.standard_normal((60, 6, 2))
+    near = R @ rotation_from_vector(0.02 * random.standard_normal((60, 3))), p + 2e-3
+
+    def turns(found: tuple[FloatArray, FloatArray]) -> FloatArray:
+        return np.degrees(
+            np.linalg.norm(vector_from_rotation(np.swapaxes(R, 1, 2) @ found[0]), axis=1)
+        )
+
+    assert turns(board_poses(points, pixels)).max() > 20.0
+    assert turns(board_poses(points, pixels, near)).max() < 10.0
+    # What would be behind the camera tells nothing of where the board is.
+    behind = board_poses(points, pixels, (near[0], -near[1]))
+    np.testing.assert_array_equal(behind[1], board_poses(points, pixels)[1])

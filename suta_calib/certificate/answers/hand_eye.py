@@ -15,7 +15,7 @@ from suta_calib.certificate.answer import (
     quantities,
 )
 from suta_calib.certificate.content import CertifiedValue, Content, ValueTable
-from suta_calib.certificate.poses import AXES, camera_table, pose_of
+from suta_calib.certificate.poses import AXES, camera_tables, pose_of
 from suta_calib.units import stored, text
 
 
@@ -32,6 +32,8 @@ class HandEyeOnPaper(CertifiedAnswer):
         poses = [
             ValueTable(title, pose_of(pose, std, factor)) for title, pose, std in _poses(record)
         ]
+        every = record.get("cameras") or {"": record}
+        cameras = {name: entry.get("camera") for name, entry in every.items()}
         return Content(
             title="Hand-eye calibration",
             measurand=(
@@ -42,7 +44,7 @@ class HandEyeOnPaper(CertifiedAnswer):
                 f"{_method(record)} Standard uncertainties follow from scatter and from what is "
                 "stated of the lengths, combined by JCGM 100:2008 (GUM)."
             ),
-            groups=(*poses, *_others(record, factor), *_cameras(record, factor)),
+            groups=(*poses, *_others(record, factor), *camera_tables(cameras, factor)),
             budgets=found,
             checked=tuple(_fit(record)),
             judged={**judged_budgets(found), **judged_rms(record)},
@@ -119,15 +121,6 @@ def _others(record: Record, factor: float) -> Iterator[ValueTable]:
         about = "Positive: the camera shows lengths too long. X allows for it."
         scale = CertifiedValue("error of all lengths of the camera", by, "%", std, factor)
         yield ValueTable("Scale of the camera", (scale,), about)
-
-
-def _cameras(record: Record, factor: float) -> Iterator[ValueTable]:
-    """Intrinsics that the pictures corrected."""
-    cameras = record.get("cameras") or {"": record}
-    for name, entry in cameras.items():
-        title = f"Intrinsics of camera {name}".rstrip()
-        if (table := camera_table(title, entry.get("camera") or {}, factor)) is not None:
-            yield table
 
 
 def _fit(record: Record) -> Iterator[tuple[str, str]]:

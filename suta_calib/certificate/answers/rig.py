@@ -10,7 +10,7 @@ from suta_calib.certificate.answer import (
     judged_budgets,
 )
 from suta_calib.certificate.content import Content, ValueTable
-from suta_calib.certificate.poses import camera_table, pose_of
+from suta_calib.certificate.poses import camera_tables, pose_of
 
 
 class RigOnPaper(CertifiedAnswer):
@@ -30,11 +30,6 @@ class RigOnPaper(CertifiedAnswer):
             )
             for one in record["between_eyes"]
         ]
-        cameras = [
-            table
-            for name, camera in record["cameras"].items()
-            if (table := camera_table(f"Intrinsics of camera {name}", camera, factor)) is not None
-        ]
         return Content(
             title="Calibration of cameras on one body",
             measurand="Poses between cameras that took pictures of one board at the same instants.",
@@ -43,7 +38,7 @@ class RigOnPaper(CertifiedAnswer):
                 "uncertainties follow from the scatter of the pictures and the stated uncertainty "
                 "of the board's size, combined by JCGM 100:2008 (GUM)."
             ),
-            groups=(*poses, *cameras),
+            groups=(*poses, *camera_tables(record["cameras"], factor)),
             budgets=found,
             checked=(
                 ("instants at which cameras saw the board together", f"{record['instants']}"),
