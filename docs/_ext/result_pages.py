@@ -25,7 +25,7 @@ def result_page() -> Iterator[str]:
         "SI, with their `unit`; other values have the unit in their key. The same folder has "
         "`calibrated.urdf`, `residuals.csv` (one row per residual), `inputs.zip` (a copy of the "
         "inputs) and `report.html`. `run` is added when the files are written: the SHA-256 of "
-        "each input, and of each file of the run.\n\n"
+        "each input, of each file of the run, and of the content of `result.json` itself.\n\n"
     )
     if lacking := answer.keys() ^ RESULT_KEYS.keys():
         raise LookupError(f"{', '.join(sorted(lacking))} of result.json: say them in RESULT_KEYS")

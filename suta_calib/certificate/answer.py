@@ -24,9 +24,16 @@ Record = Mapping[str, Any]
 
 # Why other answers have none, and what to do, by a key that only their JSON has.
 WITHOUT: Final = {
+    "em_readings": "its posts and navigated points have no uncertainty budget: the distortion that "
+    "is left in the tracker is validated, but in no ±. Certify the tools by pivot, and the "
+    "registration by register",
+    "calibrated": "its camera was given, or the pictures do not determine it: calibrate it from "
+    "pictures, without --camera",
     "by_update_rate": "it compares two recordings, without an uncertainty of its own: certify the "
     "arm by repeatability, iso10360 or calibrate",
 }
+# Units of budgets.
+BUDGETED: Final[tuple[Unit, ...]] = ("m", "rad", "px")
 
 
 class CertifiedAnswer(ABC):
@@ -99,7 +106,7 @@ def budgets(record: Record) -> tuple[UncertaintyBudget, ...]:
 
 
 def _budget(entry: Record) -> UncertaintyBudget:
-    unit: Unit = "m" if "std_mm" in entry else "rad"
+    unit: Unit = next(u for u in BUDGETED if f"std{SHOWN[u].suffix}" in entry)
     parts = tuple(
         Contribution(
             str(part["source"]),
@@ -151,14 +158,23 @@ def judged_rms(record: Record) -> dict[str, CertifiedValue]:
     return judged
 
 
+def scale_of(carrier: str, ppm: float | None) -> str:
+    """What a carrier of lengths adds to every U, or that it adds nothing."""
+    if not ppm:
+        return not_stated(f"scale of the {carrier}")
+    return f"{carrier}: standard uncertainty of its scale {float(ppm):,.4g} ppm, included in U"
+
+
+def not_stated(what: str) -> str:
+    """Of a reference whose uncertainty nobody stated."""
+    return f"{what}: its uncertainty is not stated, and U does not include it"
+
+
 def scales(record: Record) -> tuple[str, ...]:
     """What gave the lengths of a calibration their unit, in words."""
     words = []
     for row in record.get("scale") or ():
         name = "" if row.get("name") in (None, "", "default") else f" {row['name']}"
         graded = f", {row['grade']}" if row.get("grade") else ""
-        words.append(
-            f"{row['carrier']}{name}{graded}: standard uncertainty of its scale "
-            f"{float(row['ppm']):,.4g} ppm"
-        )
-    return tuple(words)
+        words.append(scale_of(f"{row['carrier']}{name}{graded}", row["ppm"]))
+    return tuple(words) or (not_stated("scale of all lengths"),)

@@ -4,13 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import Final, Literal
 
 from suta_calib.display import Displayable
 from suta_calib.trust.uncertainty_budget import UncertaintyBudget
 from suta_calib.units import Unit, text
 
 Outcome = Literal["conforms", "does not conform", "no decision"]
+GUARD_BAND: Final = (
+    "Decision rule: a guard band as wide as U (JCGM 106:2012, 8.3). A value conforms if its size "
+    "and U together keep the limit. It does not conform if its size less U exceeds the limit. "
+    "Between them no decision is made."
+)
 
 
 @dataclass(frozen=True)
@@ -62,6 +67,7 @@ class Decision(Displayable):
         limit: that was asked for.
         unit: of them.
         outcome: of the comparison.
+        factor: coverage factor of U.
     """
 
     name: str
@@ -70,6 +76,7 @@ class Decision(Displayable):
     limit: float
     unit: Unit
     outcome: Outcome
+    factor: float = 2.0
 
     @property
     def limit_text(self) -> str:
@@ -85,7 +92,10 @@ class Decision(Displayable):
             outcome = "conforms"
         elif size - guard > limit:
             outcome = "does not conform"
-        return cls(quantity.name, quantity.value, guard, limit, quantity.unit, outcome)
+        return cls(
+            *(quantity.name, quantity.value, guard, limit, quantity.unit, outcome),
+            quantity.factor,
+        )
 
 
 @dataclass(frozen=True)
@@ -101,7 +111,9 @@ class Content(Displayable):
         checked: what validation showed, in rows of what and figure.
         judged: results that may be given a limit, by the key of the limit.
         decisions: that the answer took itself.
-        standards: what gave the lengths their unit, as the answer states it.
+        rule: of the decisions, in sentences.
+        standards: what gave the lengths their unit, with its standard uncertainty, or that this is
+            stated nowhere and in no U.
         notes: what must be known before the figures are used.
     """
 
@@ -113,5 +125,6 @@ class Content(Displayable):
     checked: tuple[tuple[str, str], ...] = ()
     judged: Mapping[str, CertifiedValue] = field(default_factory=dict)
     decisions: tuple[Decision, ...] = ()
+    rule: str = GUARD_BAND
     standards: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()

@@ -1,22 +1,25 @@
 """A certificate as JSON, by the structure of the Digital Calibration Certificate.
 
-Names of elements are those of the DCC's schema 3.3.0 (PTB, https://ptb.de/dcc) and of the D-SI data
-model 2.2 for quantities with a unit. The DCC is XML: this is its content as JSON, for programs.
+Names of elements and their nesting are those of the DCC's schema 3.3.0 (PTB, https://ptb.de/dcc),
+and of the D-SI data model 2.2 for quantities with a unit. The DCC is XML: this is its content as
+JSON, for programs. What the schema requires and nobody stated is null. What it has no element for
+is in ``comment``: budgets, notes, and the SHA-256 of files.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from dataclasses import asdict
+import re
+from collections.abc import Iterator, Mapping
 from typing import Any, Final
 
-from suta_calib.certificate.content import CertifiedValue, Decision, ValueTable
-from suta_calib.certificate.details import Party
+from suta_calib.certificate.content import CertifiedValue, Decision, Outcome, ValueTable
+from suta_calib.certificate.details import Environment, Item, Party, Standard
 from suta_calib.certificate.issued import Certificate, own_version
 from suta_calib.trust.uncertainty_budget import COVERAGE, UncertaintyBudget
 from suta_calib.units import Unit, key, shown
 
+Json = dict[str, Any]
 SCHEMA: Final = "3.3.0"
 # As the D-SI writes the units that a reader sees here.
 UNITS: Final[dict[Unit, str]] = {
@@ -32,48 +35,84 @@ UNITS: Final[dict[Unit, str]] = {
     "1": r"\one",
     "%": r"\percent",
 }
+# The schema has no word for a limit that the uncertainty allows no decision on.
+CONFORMITY: Final[dict[Outcome, str]] = {"conforms": "pass", "does not conform": "fail"}
+DAY: Final = re.compile(r"\b\d{4}-\d{2}-\d{2}\b")
 
 
-def dcc_record(certificate: Certificate) -> dict[str, Any]:
+def dcc_record(certificate: Certificate) -> Json:
     """The certificate as JSON, with numbers in mm and degrees as on paper."""
     content, details = certificate.content, certificate.details
+    days = DAY.findall(details.measured_on) or [None]
+    software = {**certificate.versions, "suta_calib": own_version()}
+    persons = (("measured", details.operator), ("approved", details.approved_by))
     return {
         "schemaVersion": SCHEMA,
         "administrativeData": {
-            "dccSoftware": [
-                {"name": name, "release": release}
-                for name, release in {**certificate.versions, "suta_calib": own_version()}.items()
-            ],
-            "coreData": {
-                "uniqueIdentifier": certificate.number,
-                "beginPerformanceDate": details.measured_on or None,
-                "issueDate": details.date or None,
+            "dccSoftware": {
+                "software": [
+                    {"name": _text(name), "release": release} for name, release in software.items()
+                ]
             },
-            "items": [_plain(details.item)],
-            "calibrationLaboratory": _party(details.laboratory),
-            "respPersons": [
-                {"role": role, "name": name or None}
-                for role, name in (
-                    ("measured", details.operator),
-                    ("approved", details.approved_by),
+            "coreData": {
+                "countryCodeISO3166_1": None,
+                "usedLangCodeISO639_1": ["en"],
+                "mandatoryLangCodeISO639_1": ["en"],
+                "uniqueIdentifier": certificate.number,
+                "beginPerformanceDate": days[0],
+                "endPerformanceDate": days[-1],
+                "performanceLocation": None,
+                **_given(issueDate=next(iter(DAY.findall(details.date)), None)),
+            },
+            "items": {"item": [_item(details.item)]},
+            "calibrationLaboratory": {
+                **_given(
+                    calibrationLaboratoryCode=getattr(details.laboratory, "accreditation", "")
+                ),
+                "contact": _contact(details.laboratory),
+            },
+            "respPersons": {
+                "respPerson": [
+                    {"person": {"name": _text(name)}, "role": role} for role, name in persons
+                ]
+            },
+            "customer": _contact(details.customer),
+            **_given(
+                statements=_list(
+                    "statement", (_statement(d, content.rule) for d in certificate.decisions)
                 )
-            ],
-            "customer": _party(details.customer),
-            "statements": [_decision(decision) for decision in certificate.decisions],
+            ),
         },
         "measurementResults": {
-            "name": content.title,
-            "description": content.measurand,
-            "usedMethods": [content.method],
-            "measuringEquipments": [_plain(standard) for standard in details.standards],
+            "measurementResult": [
+                {
+                    "name": _text(content.title),
+                    "description": _text(content.measurand),
+                    "usedMethods": {
+                        "usedMethod": [
+                            {"name": _text(content.title), "description": _text(content.method)}
+                        ]
+                    },
+                    **_given(
+                        measuringEquipments=_list(
+                            "measuringEquipment", map(_equipment, details.standards)
+                        ),
+                        influenceConditions=_list(
+                            "influenceCondition", _conditions(details.environment)
+                        ),
+                    ),
+                    "results": {"result": [_result(group) for group in content.groups]},
+                }
+            ]
+        },
+        "comment": {
+            "measuredOn": details.measured_on or None,
+            "issuedOn": details.date or None,
             "referencesOfScale": list(content.standards),
-            "influenceConditions": _plain(details.environment),
-            "results": [_group(group) for group in content.groups],
             "budgets": [_budget(budget) for budget in content.budgets],
             "validation": dict(content.checked),
-        },
-        "comment": list(content.notes),
-        "document": {
+            "verdict": certificate.verdict,
+            "notes": list(content.notes),
             "result": certificate.result.name,
             "sha256": certificate.digest,
             "run": certificate.run or None,
@@ -83,23 +122,89 @@ def dcc_record(certificate: Certificate) -> dict[str, Any]:
     }
 
 
-def _plain(part: Any) -> Any:
-    return None if part is None else {k: v or None for k, v in asdict(part).items()}
+def _given(**elements: Any) -> Json:
+    """Elements that the schema does not require, where they are stated."""
+    return {name: value for name, value in elements.items() if value}
 
 
-def _party(party: Party | None) -> Mapping[str, Any] | None:
-    plain: Mapping[str, Any] | None = _plain(party)
-    return plain
+def _text(words: str | None) -> Json | None:
+    """``textType`` and ``richContentType``."""
+    return {"content": [words]} if words else None
 
 
-def _group(group: ValueTable) -> dict[str, Any]:
-    return {"name": group.title, "data": [_quantity(one) for one in group.quantities]}
+def _list(element: str, entries: Iterator[Json]) -> Json | None:
+    found = list(entries)
+    return {element: found} if found else None
 
 
-def _quantity(one: CertifiedValue) -> dict[str, Any]:
-    value = shown(one.value, one.unit) if math.isfinite(one.value) else None
-    real: dict[str, Any] = {"value": value, "unit": UNITS[one.unit]}
-    if one.expanded is not None:
+def _item(item: Item | None) -> Json:
+    if item is None:
+        return {"name": None, "identifications": None}
+    return {
+        "name": _text(item.name),
+        **_given(manufacturer=item.maker and {"name": _text(item.maker)}, model=item.model),
+        "identifications": _identified(item.serial),
+    }
+
+
+def _identified(serial: str) -> Json | None:
+    return {"identification": [{"issuer": "manufacturer", "value": serial}]} if serial else None
+
+
+def _contact(party: Party | None) -> Json:
+    if party is None:
+        return {"name": None, "location": None}
+    place = {"further": _text(party.address)} if party.address else None
+    return {"name": _text(party.name), "location": place}
+
+
+def _equipment(standard: Standard) -> Json:
+    stated = (
+        ("certificate", standard.certificate),
+        ("issued by", standard.issued_by),
+        ("uncertainty", standard.uncertainty or "not stated"),
+    )
+    words = "; ".join(f"{what}: {said}" for what, said in stated if said)
+    return {
+        "name": _text(standard.name),
+        "description": _text(words),
+        **_given(identifications=_identified(standard.serial)),
+    }
+
+
+def _conditions(environment: Environment | None) -> Iterator[Json]:
+    if environment is None:
+        return
+    for name, unit, limits in (
+        ("temperature of the air", r"\degreecelsius", environment.temperature_c),
+        ("relative humidity", r"\percent", environment.humidity_pct),
+    ):
+        if limits is not None:
+            ends = zip(("lowest", "highest"), limits, strict=True)
+            quantities = [
+                {"name": _text(end), "real": {"value": value, "unit": unit}} for end, value in ends
+            ]
+            yield {"name": _text(name), "data": {"quantity": quantities}}
+    for name, words in (("place", environment.place), ("remarks", environment.remarks)):
+        if words:
+            yield {"name": _text(name), "data": {"text": [_text(words)]}}
+
+
+def _result(group: ValueTable) -> Json:
+    return {
+        "name": _text(group.title),
+        **_given(description=_text(group.about)),
+        "data": {"quantity": [_quantity(one) for one in group.quantities]},
+    }
+
+
+def _quantity(one: CertifiedValue) -> Json:
+    alone = not math.isfinite(one.value)
+    value = one.expanded if alone else one.value
+    name = f"expanded uncertainty U (k = {one.factor:.2f}) of {one.name}" if alone else one.name
+    real: Json = {"value": None if value is None else shown(value, one.unit)}
+    real["unit"] = UNITS[one.unit]
+    if one.expanded and not alone:
         real["measurementUncertaintyUnivariate"] = {
             "expandedMU": {
                 "valueExpandedMU": shown(one.expanded, one.unit),
@@ -107,10 +212,10 @@ def _quantity(one: CertifiedValue) -> dict[str, Any]:
                 "coverageProbability": COVERAGE,
             }
         }
-    return {"name": one.name, "description": one.remark or None, "real": real}
+    return {"name": _text(name), **_given(description=_text(one.remark)), "real": real}
 
 
-def _budget(budget: UncertaintyBudget) -> dict[str, Any]:
+def _budget(budget: UncertaintyBudget) -> Mapping[str, Any]:
     unit = budget.unit
     return {
         "of": budget.of,
@@ -131,13 +236,17 @@ def _budget(budget: UncertaintyBudget) -> dict[str, Any]:
     }
 
 
-def _decision(decision: Decision) -> dict[str, Any]:
-    unit = decision.unit
+def _statement(decision: Decision, rule: str) -> Json:
+    limit = CertifiedValue("limit", decision.limit, decision.unit)
+    value = CertifiedValue(
+        *(decision.name, decision.value, decision.unit),
+        decision.expanded / decision.factor or None,
+        decision.factor,
+    )
     return {
-        "data": decision.name,
-        key("value", unit): shown(decision.value, unit),
-        key("expanded", unit): shown(decision.expanded, unit),
-        key("limit", unit): shown(decision.limit, unit),
-        "decisionRule": "guard band as wide as the expanded uncertainty (JCGM 106:2012, 8.3)",
-        "conformity": decision.outcome,
+        "name": _text(f"conformity of {decision.name} with a limit"),
+        "description": _text(rule),
+        "declaration": _text(decision.outcome),
+        **_given(conformity=CONFORMITY.get(decision.outcome)),
+        "data": {"quantity": [_quantity(value), _quantity(limit)]},
     }

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from hashlib import sha256
 from importlib import import_module
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 from suta_calib.assessment import Assessment, judged, read_assessment, refuse_unusable
 from suta_calib.certificate.answer import answer_of
@@ -16,12 +16,16 @@ from suta_calib.certificate.details import TO_BE_GIVEN, Details
 from suta_calib.display import Displayable
 from suta_calib.errors import InputError, did_you_mean
 from suta_calib.exchange.cells import is_folder
+from suta_calib.exchange.result import content_digest
 from suta_calib.inputs import read_input
 from suta_calib.tracking.uncertainty import read_json_object
 from suta_calib.units import stored
+from suta_calib.words import listed
 
 # Names of the JSON that commands write, in a folder that is given in its place.
-RECORDS: Final = ("result.json", "iso10360.json", "repeatability.json", "certify.json")
+RECORDS: Final = (
+    *("result.json", "iso10360.json", "repeatability.json", "certify.json", "detect.json"),
+)
 
 
 def own_version() -> str:
@@ -77,9 +81,22 @@ class Certificate(Displayable):
                 "No reference standard is named, so the certificate claims no metrological "
                 "traceability. Name the standards with their certificates in --details."
             )
+        if self.without_uncertainty:
+            care.append(self.without_uncertainty)
         bad = [d for d in self.decisions if d.outcome != "conforms"]
         care += [f"{d.name}: {d.outcome} (limit {d.limit_text})." for d in bad]
         return Assessment.of(f"certificate of {self.result}", care=care, facts=self.content.notes)
+
+    @property
+    def without_uncertainty(self) -> str:
+        """Which named standards lack their uncertainty, in a sentence, or empty."""
+        names = [one.name for one in self.details.standards if not one.uncertainty]
+        return (
+            f"The uncertainty of {listed(names)} is not stated: U includes of it only what the "
+            "lines below the standards say."
+            if names
+            else ""
+        )
 
     @property
     def missing(self) -> tuple[str, ...]:
@@ -128,7 +145,7 @@ def certificate_of(path: Path, details: Details | None = None) -> Certificate:
         ) from None
     run, verdict = record.get("run") or {}, read_assessment(record)
     outputs = dict(run.get("sha256") or {})
-    _refuse_changed(path, outputs)
+    _refuse_changed(path, record, outputs)
     return Certificate(
         content,
         details,
@@ -159,8 +176,17 @@ def _decisions(content: Content, details: Details) -> list[Decision]:
     return decisions
 
 
-def _refuse_changed(path: Path, outputs: Mapping[str, str]) -> None:
-    """Refuse an answer beside which a file of its run was changed: one of both is not of it."""
+def _refuse_changed(path: Path, record: Mapping[str, Any], outputs: Mapping[str, str]) -> None:
+    """Refuse an answer that was changed, or beside which a file of its run was."""
+    # Earlier versions wrote none.
+    written = (record.get("run") or {}).get("content")
+    if written is not None and written != content_digest(record):
+        raise InputError(
+            "an answer that was changed since it was written",
+            "the file as the run wrote it",
+            file=path,
+            hint="compute the answer again, or restore the file",
+        )
     for name, digest in outputs.items():
         file = path.parent / Path(name).name
         if file.is_file() and sha256(read_input(file)).hexdigest() != digest:

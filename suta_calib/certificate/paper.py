@@ -258,6 +258,8 @@ class _Sheet(FPDF):
                 "Chain: the results rest on the lengths of these standards, and these on the SI by "
                 "the certificates named."
             )
+            if lacking := self._certificate.without_uncertainty:
+                self._paragraph(lacking)
         else:
             self._paragraph(
                 "No reference standard with a certificate is named: no metrological traceability "
@@ -321,11 +323,7 @@ class _Sheet(FPDF):
             (5, 2, 2, 2, 1, 3),
             numbers={1, 2, 3},
         )
-        self._paragraph(
-            "Decision rule: a guard band as wide as U (JCGM 106:2012, 8.3). A value conforms if "
-            "its size and U together keep the limit. It does not conform if its size less U "
-            "exceeds the limit. Between them no decision is made."
-        )
+        self._paragraph(self._certificate.content.rule)
 
     def _origin(self) -> None:
         certificate = self._certificate

@@ -38,12 +38,13 @@ def certificate(
 ) -> Document:
     """Write a certificate of RESULT (a folder of results, or a JSON file in it) as a PDF.
 
-    RESULT is an answer of calibrate, hand-eye, rig, pivot, register, certify, iso10360 or
-    repeatability.
+    RESULT is an answer of calibrate, hand-eye, rig, detect (a camera), pivot, register, certify,
+    iso10360 or repeatability.
     The certificate states measurand, method, conditions, reference standards, results with expanded
     uncertainty (k = 2), uncertainty budget, validation and conformity with limits, after ISO/IEC
     17025 and the GUM. All figures are those of RESULT. What only the laboratory knows is read from
-    --details; what it does not state is left blank. A result that must not be used is refused.
+    --details; what it does not state is left blank. A result that must not be used, or that was
+    changed since it was written, is refused.
     """
     if new_details is not None:
         check_outputs([new_details], [result, details])

@@ -6,6 +6,7 @@ import json
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from hashlib import sha256
 from pathlib import Path
 from typing import Any, Final
 
@@ -377,3 +378,9 @@ def _cameras(data: Mapping[str, Any], job: JobSpec | None, path: Path) -> dict[s
 def json_bytes(data: Mapping[str, Any]) -> bytes:
     """A JSON file, numbers with all their digits."""
     return (json.dumps(data, indent=1, ensure_ascii=False, allow_nan=False) + "\n").encode()
+
+
+def content_digest(record: Mapping[str, Any]) -> str:
+    """SHA-256 of an answer as its JSON has it, but for where files are and for ``run`` itself."""
+    kept = {key: value for key, value in record.items() if key not in ("files", "run")}
+    return sha256(json.dumps(kept, sort_keys=True).encode()).hexdigest()

@@ -14,6 +14,7 @@ from typing import Any, Final, TypeVar
 
 from suta_calib.atomic import inputs_kept, note_input, recover
 from suta_calib.errors import SutaCalibError
+from suta_calib.exchange.result import content_digest
 from suta_calib.fleet.jobs import FleetJob, fleet_jobs
 from suta_calib.fleet.summary import FleetSummary, JobResult
 from suta_calib.fleet.workers import Crash, work_through
@@ -168,7 +169,7 @@ def whole_result(
         run, files, hashes = record["run"], dict(record["files"]), dict(record["run"]["sha256"])
         now = sha256(inputs_copy.packed(job.spec.path, job.files)).hexdigest()
         same = (
-            run == run_record("result", inputs, hashes)
+            run == run_record("result", inputs, hashes) | {"content": content_digest(record)}
             and record["versions"] == versions()
             and hashes[inputs_copy.NAME] == now
             and all((folder / name).is_file() for name in files)

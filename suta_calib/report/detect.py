@@ -14,6 +14,7 @@ from suta_calib.plotting.look import BLUE, GREY, WIDTH
 from suta_calib.report.document import Document, Figure, File, Part, Text
 from suta_calib.report.listing import Column, Json, Listing
 from suta_calib.report.svg import picture, svg_text
+from suta_calib.report.uncertainty import budget_record
 from suta_calib.units import Unit, mm, text
 from suta_calib.vision import drawn
 from suta_calib.words import listed
@@ -141,6 +142,7 @@ def detect_document(
     if detection.fit is not None:
         data["covered"] = detection.fit.covered
         sure = detection.fit.projection
+        data["uncertainty"] = [budget_record(budget) for budget in detection.fit.budgets]
         data["projection_std_px"] = {"middle": sure.middle, "worst": sure.worst}
     assessment = detection.assessment
     if depth is not None:

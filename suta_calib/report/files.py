@@ -15,6 +15,7 @@ from typing import Any, Final
 from suta_calib.assessment import attempt
 from suta_calib.atomic import exchange_files
 from suta_calib.errors import OutputError
+from suta_calib.exchange.result import content_digest
 from suta_calib.report.document import Document, Figure, File, remark
 from suta_calib.report.listing import json_text
 
@@ -37,7 +38,7 @@ def write_document(
 
     Returns:
         The answer's JSON, and what its file holds beside: ``files``, the paths written by name,
-        and ``run``, its id, its inputs and the SHA-256 of its files.
+        and ``run``, its id, its inputs and the SHA-256 of its files and of its own content.
 
     Raises:
         OutputError: the folder or a file in it cannot be written. Where that can be seen before,
@@ -62,7 +63,7 @@ def write_document(
     complete = answer.json()
     complete |= {"files": {name: str(folder / name) for name in names}}
     if record:
-        complete["run"] = run
+        complete["run"] = run | {"content": content_digest(json.loads(json_text(complete)))}
         # Of a name that is no Unicode this makes JSON's own escape.
         contents[record] = json_text(complete).encode(errors="backslashreplace")
     for path in (folder / name for name in names):

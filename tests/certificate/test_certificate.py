@@ -5,12 +5,14 @@ from __future__ import annotations
 import io
 import json
 import math
+import re
 import shutil
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import matplotlib as mpl
+import numpy as np
 import pytest
 import yaml
 from cli_job import answer, cli, printed, refused
@@ -19,6 +21,7 @@ from hypothesis import strategies as st
 from pypdf import PdfReader
 
 from suta_calib.certificate import (
+    Certificate,
     CertifiedValue,
     Decision,
     certificate_of,
@@ -29,6 +32,7 @@ from suta_calib.certificate import (
 from suta_calib.certificate.answer import known_answers
 from suta_calib.certificate.details import EXAMPLE, details_to_fill_in
 from suta_calib.errors import InputError, UnusableResultError
+from suta_calib.geometry.numbers import rpy_from_rotation
 
 # What each command is given, and the JSON that it writes.
 COMMANDS = {
@@ -45,6 +49,11 @@ COMMANDS = {
         *("data/artefact/points.csv", "--nominal", "data/suta/artefact.yaml"),
         "--report",
     ),
+    "detect": (
+        *(f"data/workcell/pictures/{k:02d}.jpg" for k in range(8)),
+        *("--board", "data/workcell/board.yaml"),
+        "--report",
+    ),
 }
 
 
@@ -56,7 +65,7 @@ def answers(tmp_path_factory: pytest.TempPathFactory, repository: Path) -> Calla
     def of(command: str) -> Path:
         if command not in made:
             words = [
-                str(repository / word) if (repository / word).is_file() else word
+                str(repository / word) if (repository / word).exists() else word
                 for word in COMMANDS[command]
             ]
             made[command] = folder / command
@@ -77,6 +86,56 @@ def paper_of(pdf: bytes) -> str:
     return "\n".join(page.extract_text() for page in PdfReader(io.BytesIO(pdf)).pages)
 
 
+def figures_elsewhere(certificate: Certificate, words: str, answer: Any) -> list[str]:
+    """Figures in the tables of a paper that are no number of an answer, rounded as printed.
+
+    U is k times a standard uncertainty; the angles of a pose are those of its matrix.
+    """
+    numbers, poses = list[float](), list[Any]()
+
+    def collect(part: Any) -> None:
+        if isinstance(part, dict):
+            for name, one in part.items():
+                collect(one)
+                if name.endswith("_interval_mm"):
+                    # U is the way to its farther end.
+                    value = part[name.replace("_interval", "")]
+                    numbers.extend(abs(end - value) for end in one)
+        elif isinstance(part, list):
+            if len(part) == 4 and all(isinstance(row, list) and len(row) == 4 for row in part):
+                poses.append(np.asarray(part, dtype=float))
+            for one in part:
+                collect(one)
+        elif isinstance(part, int | float):
+            numbers.append(float(part))
+
+    collect(answer)
+    for pose in poses:
+        numbers += [*np.degrees(rpy_from_rotation(pose[:3, :3])), *(1e3 * pose[:3, 3])]
+    # Parameters are in SI there, and scales in parts of a million.
+    known = np.array([f * n for n in numbers for f in (1.0, 1e3, math.degrees(1.0), 1e-4)])
+    factors = {one.factor for g in certificate.content.groups for one in g.quantities}
+    factors |= {budget.factor for budget in certificate.content.budgets} | {1.0}
+    # A half interval, and how well so many rows tell a root mean square.
+    found = np.unique(np.outer([*factors, *(2.0 * f for f in factors)], known))
+    budgeted = certificate.content.budgets
+    derived = [1e3 * b.freedom for b in budgeted] + [b.freedom for b in budgeted]
+    derived += [b.factor for b in budgeted] + [*factors]
+    for one in certificate.content.judged.values():
+        derived += [per * (one.expanded or 0.0) for per in (1.0, 1e3, math.degrees(1.0))]
+    found = np.concatenate([found, np.array(derived)])
+    begin = words.index("\nResults\n")
+    return [
+        figure
+        for figure in re.findall(
+            r"(?<![\w.,])-?\d+\.\d+(?![\w.])", words[begin : words.index("\nNotes\n")]
+        )
+        if not (
+            abs(abs(found) - abs(float(figure))) <= 0.51 * 10.0 ** -len(figure.split(".")[1])
+        ).any()
+    ]
+
+
 def test_every_kind_of_answer_is_tried() -> None:
     # Of cameras on one body and of further eyes: test_eyes_on_paper.
     assert {*COMMANDS, "rig"} == set(known_answers())
@@ -92,8 +151,16 @@ def test_paper_and_json_say_what_the_answer_says(
     for group in certificate.content.groups:
         assert group.quantities
         assert " ".join(group.title.split()) in " ".join(words.split())
-    said = record["measurementResults"]["results"]
-    assert len(said) == len(certificate.content.groups)
+    (said,) = record["measurementResults"]["measurementResult"]
+    assert len(said["results"]["result"]) == len(certificate.content.groups)
+    # Of every reference the uncertainty is stated, or that it is stated nowhere.
+    assert certificate.content.standards
+    for sentence in certificate.content.standards:
+        assert " ".join(sentence.split()) in " ".join(words.split())
+    # Every figure of the results is in the answer's own JSON.
+    answer = json.loads((certificate.result).read_text(encoding="utf-8"))
+    assert figures_elsewhere(certificate, words, answer) == []
+    assert len(figures_elsewhere(certificate, words, {"numbers": [0.123456]})) > 5
     for part in ("Measurand", "Method", "Conditions", "Reference standards", "Results"):
         assert part in words
     for part in ("Uncertainty", "Software and data", "Signatures", "page 1 of"):
@@ -211,6 +278,33 @@ def test_a_guard_band_accepts_and_rejects_only_beyond_the_uncertainty(
     assert decided.outcome == ("does not conform" if surely_outside else expected)
 
 
+def test_a_standard_without_its_uncertainty_is_named(
+    answers: Callable[[str], Path], tmp_path: Path
+) -> None:
+    path = tmp_path / "d.yaml"
+    path.write_text("standards: [{name: scale bar}, {name: B, uncertainty: 1 um}]\n", "utf-8")
+    certificate = certificate_of(answers("pivot"), read_details(path))
+    said = "The uncertainty of scale bar is not stated"
+    assert said in " ".join(certificate.assessment.notes)
+    assert said in " ".join(paper_of(pdf_bytes(certificate)).split())
+
+
+def test_a_rule_without_a_guard_band_is_stated(
+    answers: Callable[[str], Path], tmp_path: Path
+) -> None:
+    record = json.loads((answers("iso10360") / "iso10360.json").read_text(encoding="utf-8"))
+    del record["run"]
+    record["decision_rule"] = {"kind": "simple", "factor": 2.0}
+    (tmp_path / "iso10360.json").write_text(json.dumps(record), encoding="utf-8")
+    words = " ".join(paper_of(pdf_bytes(certificate_of(tmp_path))).split())
+    assert "simple acceptance without a guard band" in words
+    assert "a guard band as wide as U" not in words
+    record["characteristics"][0]["expanded_uncertainty_mm"] = None
+    (tmp_path / "iso10360.json").write_text(json.dumps(record), encoding="utf-8")
+    standards = " ".join(certificate_of(tmp_path).content.standards)
+    assert "its uncertainty is not stated, and U does not include it" in standards
+
+
 @pytest.mark.parametrize(
     ("text", "said"),
     [
@@ -246,7 +340,20 @@ def test_an_answer_that_was_changed_or_must_not_be_used_gets_none(
         file.write("\n")
     with pytest.raises(InputError, match=r"residuals.csv, which was changed"):
         certificate_of(folder)
+    shutil.copy(answers("pivot") / "residuals.csv", folder)
+    assert certificate_of(folder).content.budgets
     record = json.loads((folder / "result.json").read_text(encoding="utf-8"))
+    better = (
+        record | {"tip_mm": [0.0, 0.0, 0.0]},
+        record | {"verdict": record["verdict"] | {"sentence": "sure"}},
+    )
+    for edited in better:
+        (folder / "result.json").write_text(json.dumps(edited), encoding="utf-8")
+        with pytest.raises(InputError, match="an answer that was changed since it was written"):
+            certificate_of(folder)
+    # Written in another way it says the same.
+    (folder / "result.json").write_text(json.dumps(record, sort_keys=True), encoding="utf-8")
+    assert certificate_of(folder).content.budgets
     record["verdict"] |= {"level": "bad", "usable": False}
     (folder / "result.json").write_text(json.dumps(record), encoding="utf-8")
     with pytest.raises(UnusableResultError):

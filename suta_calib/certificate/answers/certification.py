@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from suta_calib.certificate.answer import CertifiedAnswer, Record, quantities
+from suta_calib.certificate.answer import CertifiedAnswer, Record, not_stated, quantities
 from suta_calib.certificate.content import CertifiedValue, Content, ValueTable
 from suta_calib.certificate.poses import AXES
 from suta_calib.trust.uncertainty_budget import Contribution, UncertaintyBudget
@@ -59,9 +59,6 @@ class ArtefactOnPaper(CertifiedAnswer):
                 ("one touched coordinate, standard deviation", f"{noise['sigma_mm']:.4f} mm"),
             ),
             judged={key(row.name, "m"): row for row in spacers},
-            notes=(
-                "The scale of the instrument that touched the points is in no coordinate's "
-                "uncertainty: it is that of its own certificate.",
-                *record["verdict"]["notes"],
-            ),
+            standards=(not_stated("scale of the instrument that touched the points"),),
+            notes=tuple(record["verdict"]["notes"]),
         )

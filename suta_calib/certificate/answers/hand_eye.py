@@ -12,7 +12,9 @@ from suta_calib.certificate.answer import (
     factor_of,
     judged_budgets,
     judged_rms,
+    not_stated,
     quantities,
+    scale_of,
 )
 from suta_calib.certificate.content import CertifiedValue, Content, ValueTable
 from suta_calib.certificate.poses import AXES, camera_tables, pose_of
@@ -145,19 +147,16 @@ def _scale(record: Record) -> Iterator[str]:
     if "profiles" in record:
         radius = record.get("sphere_radius_mm")
         known = "" if radius is None or record.get("sphere_radius_std_mm") else " and of the ball"
-        yield (
-            f"lengths of the scanner{known}: taken as exact; an error of their scale is in no "
-            "uncertainty stated here"
-        )
+        yield not_stated(f"lengths of the scanner{known}")
     elif "camera_noise" in record:
+        ppm = float(record.get("assumed_scale_ppm") or 0.0)
         yield (
-            "lengths of the depth camera: standard uncertainty of their scale before the "
-            f"measurement {record.get('assumed_scale_ppm', 0):g} ppm"
+            f"{scale_of('depth camera, before the measurement', ppm)} as far as the measurement "
+            "leaves it"
+            if ppm
+            else not_stated("scale of the depth camera")
         )
     elif "reprojection_rms_px" in record:
-        yield (
-            "size of the board, as its file states it: taken as exact; an error of it is in no "
-            "uncertainty stated here"
-        )
-    elif record.get("scale_ppm") is not None:
-        yield f"all seen lengths: standard uncertainty of their scale {record['scale_ppm']:g} ppm"
+        yield not_stated("size of the board")
+    else:
+        yield scale_of("all seen lengths", record.get("scale_ppm"))

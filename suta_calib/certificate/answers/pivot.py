@@ -10,6 +10,7 @@ from suta_calib.certificate.answer import (
     judged_budgets,
     judged_rms,
     quantities,
+    scale_of,
 )
 from suta_calib.certificate.content import Content, ValueTable
 from suta_calib.certificate.poses import AXES
@@ -45,6 +46,6 @@ class PivotOnPaper(CertifiedAnswer):
                 ("turn of the tool, RMS in the worst direction", f"{record['turn_deg']:.1f} deg"),
             ),
             judged={**judged_budgets(found), **judged_rms(record)},
-            standards=(f"tracker: standard uncertainty of its scale {record['scale_ppm']:g} ppm",),
+            standards=(scale_of("tracker", record["scale_ppm"]),),
             notes=tuple(record["verdict"]["notes"]),
         )

@@ -9,6 +9,7 @@ from suta_calib.certificate.answer import (
     factor_of,
     judged_budgets,
     judged_rms,
+    scale_of,
 )
 from suta_calib.certificate.content import Content, ValueTable
 from suta_calib.certificate.poses import pose_of
@@ -40,6 +41,6 @@ class RegistrationOnPaper(CertifiedAnswer):
                 ("residuals, RMS (3-D)", f"{record['rms_mm']:.3f} mm"),
             ),
             judged={**judged_budgets(found), **judged_rms(record)},
-            standards=(f"lengths of both sets agree to {record['scale_ppm']:g} ppm",),
+            standards=(scale_of("factor between the lengths of both sets", record["scale_ppm"]),),
             notes=tuple(record["verdict"]["notes"]),
         )

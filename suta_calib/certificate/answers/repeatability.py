@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from suta_calib.certificate.answer import CertifiedAnswer, Record, si
+from suta_calib.certificate.answer import CertifiedAnswer, Record, not_stated, si
 from suta_calib.certificate.content import CertifiedValue, Content, ValueTable
 from suta_calib.units import key
 
@@ -30,6 +30,7 @@ class RepeatabilityOnPaper(CertifiedAnswer):
             method="Visits to one point, evaluated after ISO 9283:1998, 7.2.",
             groups=tuple(groups),
             judged={key(row.name, row.unit): row for row in groups[0].quantities},
+            standards=(not_stated("kinematic model of the arm, by which lengths are known"),),
             notes=tuple(record["verdict"]["notes"]),
         )
 

@@ -8,6 +8,7 @@ from suta_calib.certificate.answer import (
     budgets,
     factor_of,
     judged_budgets,
+    scale_of,
 )
 from suta_calib.certificate.content import Content, ValueTable
 from suta_calib.certificate.poses import camera_tables, pose_of
@@ -44,9 +45,7 @@ class RigOnPaper(CertifiedAnswer):
                 ("instants at which cameras saw the board together", f"{record['instants']}"),
                 ("reprojection, RMS", f"{record['reprojection_rms_px']:.3f} px"),
             ),
-            standards=(
-                f"board: standard uncertainty of its size {float(record['scale_ppm']):g} ppm",
-            ),
+            standards=(scale_of("board", record["scale_ppm"]),),
             judged=judged_budgets(found),
             notes=tuple(record["verdict"]["notes"]),
         )
