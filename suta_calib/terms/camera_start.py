@@ -78,7 +78,8 @@ def board_poses(
         if near is not None:
             R, p = near[0][which], near[1][which]
             p = p + (R @ middle[mine, :, None])[..., 0]
-            ahead = ((offsets[mine] @ np.swapaxes(R, 1, 2) + p[:, None])[..., 2] > 0).all(axis=1)
+            depth = (offsets[mine] @ np.swapaxes(R, 1, 2) + p[:, None])[..., 2]
+            ahead = np.min(depth, axis=1) > 0.0
             turn = np.where(ahead[:, None, None], R, turn)
             start = np.where(ahead[:, None], p, start)
         R, p = _refined(offsets[mine], pixels[which], there[which], turn, start)
