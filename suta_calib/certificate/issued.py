@@ -152,7 +152,7 @@ def certificate_of(path: Path, details: Details | None = None) -> Certificate:
         (*content.decisions, *_decisions(content, details)),
         path,
         sha256(read_input(path)).hexdigest(),
-        f"{verdict.word.lower()}; {verdict.sentence}",
+        f"{verdict.word.lower()}; {verdict.sentence}".rstrip(". "),
         str(run.get("id") or ""),
         dict(run.get("inputs") or {}),
         outputs,

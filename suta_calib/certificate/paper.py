@@ -167,7 +167,7 @@ class _Sheet(FPDF):
             self._group(group)
         self._paragraph(
             "U is the expanded uncertainty: the standard uncertainty times the coverage factor k, "
-            "for a coverage of about 95 %. A dash: no uncertainty is stated for this figure."
+            "for a coverage of about 95 %. A dash under U: it is not stated for this figure."
         )
         for budget in content.budgets:
             self._budget(budget)

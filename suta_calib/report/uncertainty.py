@@ -17,7 +17,7 @@ def _contributions(unit: Unit) -> Listing[Contribution]:
         Column("std", "standard uncertainty", unit=unit),
         Column("freedom", "degrees of freedom", form=".0f"),
         Column("student"),
-        strong=lambda row: row.evaluation == "A, B",
+        strong=lambda row: row.source == "combined",
     )
 
 

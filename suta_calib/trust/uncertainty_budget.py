@@ -117,7 +117,9 @@ class UncertaintyBudget(Displayable):
     @property
     def combined(self) -> Contribution:
         """All contributions together."""
-        return Contribution("combined", "A, B", self.std, self.freedom)
+        types = {part.evaluation for part in self.contributions}
+        kind: Evaluation = types.pop() if len(types) == 1 else "A, B"
+        return Contribution("combined", kind, self.std, self.freedom)
 
     @property
     def factor(self) -> float:

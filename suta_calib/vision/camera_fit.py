@@ -89,13 +89,13 @@ class CameraFit(Displayable):
         assert covariance is not None
         told = 2 * len(self.used) - len(covariance) - 6 * len(self.views)
         scatter = KnownScatter(max(float(told), 1.0))
-        parts = (("focal length", slice(0, 2)), ("principal point", slice(2, 4)))
+        parts = (
+            ("focal length", "the focal length along one axis of the picture", slice(0, 2)),
+            ("principal point", "one coordinate of the principal point", slice(2, 4)),
+        )
         return tuple(
-            replace(
-                axis_budget(f"one coordinate of the {name}", "px", covariance[at, at], scatter),
-                name=name,
-            )
-            for name, at in parts
+            replace(axis_budget(of, "px", covariance[at, at], scatter), name=name)
+            for name, of, at in parts
         )
 
     @cached_property
