@@ -381,6 +381,7 @@ def json_bytes(data: Mapping[str, Any]) -> bytes:
 
 
 def content_digest(record: Mapping[str, Any]) -> str:
-    """SHA-256 of an answer as its JSON has it, but for where files are and for ``run`` itself."""
-    kept = {key: value for key, value in record.items() if key not in ("files", "run")}
+    """SHA-256 of an answer as its JSON has it, but for places, times and ``run`` itself."""
+    of_run = ("files", "timing_s", "run")
+    kept = {key: value for key, value in record.items() if key not in of_run}
     return sha256(json.dumps(kept, sort_keys=True).encode()).hexdigest()

@@ -13,6 +13,7 @@ import pytest
 from suta_calib.assessment import Assessment
 from suta_calib.atomic import exchange_files
 from suta_calib.errors import OutputError
+from suta_calib.exchange.result import content_digest
 from suta_calib.report.document import Document, File, Text
 from suta_calib.report.files import write_document
 
@@ -68,6 +69,9 @@ def test_each_file_is_told_with_its_run_and_what_it_was_made_from(tmp_path: Path
     assert told["sha256"] == {"x.txt": sha256(b"1").hexdigest()}
     again = write_document(answer(1.5, x_txt="1"), tmp_path, {"a/job.yaml": digest})["run"]
     assert again == told
+    assert told["content"] == content_digest(
+        {"a": 1.5} | json.loads((tmp_path / "result.json").read_text(encoding="utf-8"))
+    )
     other = write_document(answer(1.5, x_txt="2"), tmp_path, {"a/job.yaml": digest})["run"]
     assert other["id"] != told["id"]
     shown = Document("study", "Study", GOOD, [Text("seen")])
