@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
@@ -15,6 +15,7 @@ from suta_calib.report.document import Document, Figure, File, Part, Text
 from suta_calib.report.listing import Column, Json, Listing
 from suta_calib.report.svg import picture, svg_text
 from suta_calib.report.uncertainty import budget_record
+from suta_calib.trust.uncertainty_budget import KnownScatter, UncertaintyBudget, axis_budget
 from suta_calib.units import Unit, mm, text
 from suta_calib.vision import drawn
 from suta_calib.words import listed
@@ -91,6 +92,20 @@ def camera_record(camera: Camera) -> Json:
     return record
 
 
+def _budgets(fit: CameraFit) -> list[UncertaintyBudget]:
+    """What the uncertainty of the focal length and of the principal point is made of."""
+    covariance, scatter = fit.camera.covariance, KnownScatter(fit.freedom)
+    assert covariance is not None
+    parts = (
+        ("focal length", "the focal length along one axis of the picture", slice(0, 2)),
+        ("principal point", "one coordinate of the principal point", slice(2, 4)),
+    )
+    return [
+        replace(axis_budget(of, "px", covariance[at, at], scatter), name=name)
+        for name, of, at in parts
+    ]
+
+
 def detect_document(
     detection: Detection, *, pictures: bool = False, depth: BoardDepth | None = None
 ) -> Document:
@@ -142,7 +157,7 @@ def detect_document(
     if detection.fit is not None:
         data["covered"] = detection.fit.covered
         sure = detection.fit.projection
-        data["uncertainty"] = [budget_record(budget) for budget in detection.fit.budgets]
+        data["uncertainty"] = [budget_record(one) for one in _budgets(detection.fit)]
         data["projection_std_px"] = {"middle": sure.middle, "worst": sure.worst}
     assessment = detection.assessment
     if depth is not None:

@@ -7,7 +7,7 @@ lengths. All pictures are then fitted together, with any lens.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -23,7 +23,6 @@ from suta_calib.measurements.camera import Camera
 from suta_calib.measurements.corners import Corners
 from suta_calib.terms.camera_start import ahead_of
 from suta_calib.terms.lens_choice import UNFIT, best_lens
-from suta_calib.trust.uncertainty_budget import KnownScatter, UncertaintyBudget, axis_budget
 from suta_calib.vision.opencv import opencv
 from suta_calib.vision.projection_uncertainty import ProjectionMap
 
@@ -83,20 +82,10 @@ class CameraFit(Displayable):
     assessment: Assessment
 
     @property
-    def budgets(self) -> tuple[UncertaintyBudget, ...]:
-        """What the uncertainty of the focal length and of the principal point is made of."""
-        covariance = self.camera.covariance
-        assert covariance is not None
-        told = 2 * len(self.used) - len(covariance) - 6 * len(self.views)
-        scatter = KnownScatter(max(float(told), 1.0))
-        parts = (
-            ("focal length", "the focal length along one axis of the picture", slice(0, 2)),
-            ("principal point", "one coordinate of the principal point", slice(2, 4)),
-        )
-        return tuple(
-            replace(axis_budget(of, "px", covariance[at, at], scatter), name=name)
-            for name, of, at in parts
-        )
+    def freedom(self) -> float:
+        """Degrees of freedom of the corners' scatter: the poses of the board are unknown too."""
+        told = 2 * len(self.used) - len(self.camera.lens.names) - 6 * len(self.views)
+        return float(max(told, 1))
 
     @cached_property
     def projection(self) -> ProjectionMap:
