@@ -24,7 +24,7 @@ a bad row. Nothing that is sound is hidden by it, and one bad row makes no chang
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import Final
 
@@ -201,20 +201,15 @@ class Follow(Displayable):
         """Logarithm of the average e-value of all suspects, and the likeliest of them."""
         rows = checking.start
         suspects = suspects_of(rows, self.checker.values)
-        weights, ratios = list[float](), list[list[float]]()
+        weights, ratios = list[float](), list[FloatArray]()
         kinds = self.checker.errors.kinds
         for kind, noise in zip(kinds, checking.by_noise, strict=True):
             # The estimates' part in units of the same noise.
             alone = replace(checking, of_one_kind=noise + checking.by_estimates)
             fit = alone.fit(rows)
             weights.append(math.log(kind.weight) + _log_likelihood(fit, alone.root, kind.freedom))
-            columns = alone.effects(suspects)
-            ratios.append(
-                [
-                    _log_ratio(fit, effect.columns, suspect, kind.freedom)
-                    for suspect, effect in zip(suspects, columns, strict=True)
-                ]
-            )
+            columns = [effect.columns for effect in alone.effects(suspects)]
+            ratios.append(_log_ratios(fit, columns, suspects, kind.freedom))
         weight = np.array(weights) - logsumexp(weights)
         each = logsumexp(np.array(ratios) + weight[:, None], axis=0)
         most = max(self._most_suspects, len(suspects))
@@ -248,30 +243,30 @@ def _log_likelihood(fit: LinearFit, root: FloatArray, freedom: float) -> float:
     return -0.5 * volume - 0.5 * (freedom + count) * math.log1p(fit.squares / freedom)
 
 
-def _log_ratio(fit: LinearFit, columns: FloatArray, suspect: Suspect, freedom: float) -> float:
-    """Logarithm of E for one suspect, averaged over the sizes."""
-    curvature = fit.curvature(columns)
-    score = columns.T @ fit.settled
+def _log_ratios(
+    fit: LinearFit, columns: Sequence[FloatArray], suspects: Sequence[Suspect], freedom: float
+) -> FloatArray:
+    """(suspects,) logarithm of E for each, averaged over the sizes."""
+    every = np.hstack([np.zeros((len(fit.residual), 0)), *columns])
+    curvature, score = fit.curvature(every), every.T @ fit.settled
+    widths = np.array([part.shape[1] for part in columns], dtype=np.intp)
+    first = np.cumsum(widths) - widths
+    times = np.array(_TIMES)[:, None]
     count = len(fit.residual) - fit.spent
-    size = np.array([SIZE.get(unit, 1.0) for unit in suspect.units])
-    return float(
-        logsumexp([*_of_sizes(fit, curvature, score, size, count, freedom)]) - math.log(len(_TIMES))
-    )
-
-
-def _of_sizes(
-    fit: LinearFit,
-    curvature: FloatArray,
-    score: FloatArray,
-    size: FloatArray,
-    count: float,
-    freedom: float,
-) -> Iterator[float]:
-    for times in _TIMES:
-        scale = times * size
-        values, vectors = np.linalg.eigh(scale[:, None] * curvature * scale)
-        values = np.maximum(values, 0.0)
-        along = vectors.T @ (scale * score)
-        gain = min(float(np.sum(along**2 / (1.0 + values))), fit.squares)
-        likelier = math.log1p(fit.squares / freedom) - math.log1p((fit.squares - gain) / freedom)
-        yield -0.5 * float(np.sum(np.log1p(values))) + 0.5 * (freedom + count) * likelier
+    ratios = np.zeros(len(suspects))
+    # Those with as many numbers at once: one at a time they take most of the time of a row.
+    for width in np.unique(widths):
+        alike = np.flatnonzero(widths == width)
+        at = first[alike][:, None] + np.arange(width)
+        size = np.array([[SIZE.get(unit, 1.0) for unit in suspects[k].units] for k in alike])
+        parts = size[:, :, None] * curvature[at[:, :, None], at[:, None, :]] * size[:, None, :]
+        values, vectors = np.linalg.eigh(parts)
+        squares = np.einsum("nji,nj->ni", vectors, size * score[at]) ** 2
+        # (sizes, suspects, numbers) and (sizes, suspects).
+        known = times[:, :, None] ** 2 * np.maximum(values, 0.0)
+        gain = np.sum(times[:, :, None] ** 2 * squares / (1.0 + known), axis=2)
+        left = fit.squares - np.minimum(gain, fit.squares)
+        likelier = math.log1p(fit.squares / freedom) - np.log1p(left / freedom)
+        each = -0.5 * np.sum(np.log1p(known), axis=2) + 0.5 * (freedom + count) * likelier
+        ratios[alike] = logsumexp(each, axis=0) - math.log(len(_TIMES))
+    return ratios
