@@ -1,10 +1,13 @@
-"""Many robots in one command: time and memory from 10 to 1,000, a kill -9 on the way, and --resume.
+"""Many robots in one command: time and memory, a kill -9 on the way, --resume, checks and plans.
 
 Every robot is a SUTA with errors of its own, seen by a tracker: 40 rows to fit, 15 held out, two
 starts. Each size is calibrated by one command; of the largest, the command is killed (``kill -9``)
 when half of the results are there, and goes on with ``--resume``. Processor time is that of the
 command and its workers: on a computer with nothing else to do, two processes take half of it.
-Writes benchmarks/results/fleet.md. Arguments are sizes: ``bench_fleet.py 10 100``.
+Then 100 robots are checked by ten new rows each, 10 are planned for, and 10 are followed over rows
+that are there, which tells how many one core can follow at a row each second.
+Writes benchmarks/results/fleet.md (and fleet_checks.md). Arguments are sizes: ``bench_fleet.py 10
+100``; ``bench_fleet.py checks`` does the second part alone.
 """
 
 from __future__ import annotations
@@ -31,6 +34,7 @@ from suta_calib.units import from_mm
 ROOT = Path(__file__).parents[1]
 URDF = ROOT / "urdf" / "suta.urdf"
 PAGE = Path(__file__).parent / "results" / "fleet.md"
+CHECKS = PAGE.with_name("fleet_checks.md")
 SIZES = (10, 100, 1000)
 PROCESSES = 2
 # Of 1,000 robots, of one of two cores, s: three minutes on both.
@@ -68,7 +72,7 @@ def write_fleet(folder: Path, robots: int) -> None:
         random, robot = np.random.default_rng(k), folder / f"robot_{k:04d}"
         robot.mkdir()
         truth = {f"{joint}.offset": random.normal(0.0, 0.01) for joint in arm.joints}
-        for name, rows in (("calibration", 40), ("validation", 15)):
+        for name, rows in (("calibration", 40), ("validation", 15), ("check", 10), ("rows", 60)):
             q = random.uniform(-1.5, 1.5, (rows, len(arm.joints)))
             _, position = arm.forward(q, truth)
             seen = position @ turn.T + [1.0, -0.5, 0.3] + random.normal(0.0, NOISE, (rows, 3))
@@ -79,14 +83,23 @@ def write_fleet(folder: Path, robots: int) -> None:
 def command(folder: Path, *options: str) -> list[str]:
     """The command line that calibrates them all."""
     jobs = str(folder / "*" / "calibration.yaml")
-    called = [sys.executable, "-m", "suta_calib", "calibrate", jobs, "--jobs", str(PROCESSES)]
-    return [*called, "--json", *options]
+    return suta_calib("calibrate", jobs, "--jobs", str(PROCESSES), *options)
+
+
+def suta_calib(*arguments: str) -> list[str]:
+    """A command line."""
+    return [sys.executable, "-m", "suta_calib", *arguments, "--json"]
 
 
 def measured(folder: Path, robots: int, *options: str) -> Cost:
-    """Run the command to its end."""
+    """Calibrate them all."""
+    return run(command(folder, *options), robots)
+
+
+def run(called: Sequence[str], robots: int) -> Cost:
+    """Run a command to its end."""
     began = time.perf_counter()
-    process = subprocess.Popen(command(folder, *options), stdout=subprocess.DEVNULL)
+    process = subprocess.Popen(called, stdout=subprocess.DEVNULL)
     _, status, used = os.wait4(process.pid, 0)
     process.returncode = os.waitstatus_to_exitcode(status)
     if process.returncode not in (0, 1):
@@ -110,6 +123,72 @@ def killed(folder: Path, robots: int) -> int:
     # Workers end within a second of it.
     time.sleep(3.0)
     return there()
+
+
+def write_list(folder: Path, robots: int, rows: str, count: int) -> Path:
+    """A list of robots, each with so many rows of one of its files."""
+    lines = ["robot,result,samples"]
+    for robot in sorted(folder.glob("robot_*"))[:robots]:
+        text = (robot / f"{rows}.csv").read_text().splitlines(keepends=True)
+        (robot / "new.csv").write_text("".join(text[: count + 1]))
+        lines.append(f"{robot.name},{robot}/results,{robot}/new.csv")
+    (folder / "fleet.csv").write_text("\n".join([*lines, ""]))
+    return folder / "fleet.csv"
+
+
+def checks(robots: int = 100, few: int = 10) -> None:
+    """Check and follow many robots, plan for some, and write the page."""
+    with tempfile.TemporaryDirectory() as place:
+        folder = Path(place)
+        write_fleet(folder, robots)
+        measured(folder, robots)
+        listed = str(write_list(folder, robots, "check", 10))
+        costs = {
+            f"`check --fleet`, ten rows of each of {robots}": run(
+                suta_calib("check", "--fleet", listed, "--jobs", str(PROCESSES)), robots
+            )
+        }
+        jobs = [str(folder / f"robot_{k:04d}" / "calibration.yaml") for k in range(few)]
+        costs[f"`plan` for {few}, three measurements each"] = run(
+            suta_calib("plan", *jobs, "--jobs", str(PROCESSES)), few
+        )
+        # Of rows that are there, from the fifth to the sixtieth of each.
+        used = list[float]()
+        for count in (5, 60):
+            listed = str(write_list(folder, few, "rows", count))
+            given = ("--follow", "--seconds", "0.1", "--jobs", "1", "--no-history")
+            used.append(run(suta_calib("check", "--fleet", listed, *given), few).processor)
+        each = (used[1] - used[0]) / (few * 55)
+    rows = [
+        f"| {name} | {c.seconds:.1f} | {c.processor:.1f} | {1e3 * c.processor / c.robots:.0f} |"
+        for name, c in costs.items()
+    ]
+    lines = [
+        *head("Many robots: checks and plans"),
+        "| command | on the clock, s | processors, s | for each robot, ms |",
+        "|---|--:|--:|--:|",
+        *rows,
+        "",
+        f"`check --fleet --follow` takes {1e3 * each:.0f} ms of a core for each row: one core",
+        f"follows {1.0 / each:.0f} robots that give a row each second.",
+        "",
+    ]
+    CHECKS.write_text("\n".join(lines), encoding="utf-8")
+    print(CHECKS.read_text())
+
+
+def head(title: str) -> list[str]:
+    """Of a page: what was run, and on what."""
+    return [
+        f"# {title}",
+        "",
+        f"Written by `benchmarks/bench_fleet.py`: simulated robots, {PROCESSES} processes. Seconds",
+        "of the processors are those of the command and its workers together; with nothing else to",
+        "do, a computer of two cores takes half of them. Memory is that of the largest process.",
+        f"Python {platform.python_version()}, {os.cpu_count()} cores, load "
+        f"{os.getloadavg()[0]:.1f} (what shares a core with others takes more of it).",
+        "",
+    ]
 
 
 def main(sizes: Sequence[int]) -> None:
@@ -145,14 +224,7 @@ def page(costs: Sequence[Cost], sentence: str) -> str:
         for c in costs
     ]
     lines = [
-        "# Many robots in one command",
-        "",
-        f"Written by `benchmarks/bench_fleet.py`: simulated robots, {PROCESSES} processes. Seconds",
-        "of the processors are those of the command and its workers together; with nothing else to",
-        "do, a computer of two cores takes half of them. Memory is that of the largest process.",
-        f"Python {platform.python_version()}, {os.cpu_count()} cores, load "
-        f"{os.getloadavg()[0]:.1f} (what shares a core with others takes more of it).",
-        "",
+        *head("Many robots in one command"),
         "| robots | on the clock, s | processors, s | for each, ms | memory, MB |",
         "|--:|--:|--:|--:|--:|",
         *rows,
@@ -164,4 +236,6 @@ def page(costs: Sequence[Cost], sentence: str) -> str:
 
 
 if __name__ == "__main__":
-    main([int(size) for size in sys.argv[1:]] or SIZES)
+    if sys.argv[1:] != ["checks"]:
+        main([int(size) for size in sys.argv[1:]] or SIZES)
+    checks()

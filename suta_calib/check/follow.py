@@ -258,7 +258,9 @@ def _log_ratios(
     for width in np.unique(widths):
         alike = np.flatnonzero(widths == width)
         at = first[alike][:, None] + np.arange(width)
-        size = np.array([[SIZE.get(unit, 1.0) for unit in suspects[k].units] for k in alike])
+        size = np.array(
+            [[SIZE.get(unit, 1.0) for unit in suspects[k].units] for k in alike.tolist()]
+        )
         parts = size[:, :, None] * curvature[at[:, :, None], at[:, None, :]] * size[:, None, :]
         values, vectors = np.linalg.eigh(parts)
         squares = np.einsum("nji,nj->ni", vectors, size * score[at]) ** 2

@@ -5,12 +5,13 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from hashlib import sha256
 from pathlib import Path
 from typing import Any, Final
 
+from suta_calib.assessment import attempt
 from suta_calib.check.checking import Check
 from suta_calib.errors import OutputError
 from suta_calib.inputs import read_input
@@ -61,6 +62,14 @@ def line_of(check: Check, samples: Sequence[Path], result: Path) -> Mapping[str,
 
 
 _LENGTH: Final[Unit] = "m"
+
+
+def remembered(check: Check, samples: Sequence[Path], result: Path) -> Check:
+    """A check that has its line beside the result, or a note that this could not be written."""
+    notes, line = list[str](), line_of(check, samples, result)
+    # A folder that nobody may write to is checked all the same.
+    attempt("written: the history", lambda: remember(result.parent, line), None, notes)
+    return replace(check, notes=(*check.notes, *notes))
 
 
 def remember(folder: Path, line: Mapping[str, Any]) -> Path:

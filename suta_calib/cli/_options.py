@@ -16,7 +16,7 @@ from suta_calib.inputs import UrdfFile, XacroFile
 from suta_calib.measurements.csv_table import number_in
 from suta_calib.measurements.scale import INSTRUMENT_PPM
 from suta_calib.model.arm import ArmModel
-from suta_calib.report.files import results_beside
+from suta_calib.report.files import results_for
 from suta_calib.units import from_mm
 
 if TYPE_CHECKING:
@@ -161,10 +161,8 @@ def results_of(job: Path, out: Path | None) -> Path:
     Raises:
         OutputError: nothing can be written there.
     """
-    if out is None and job.is_dir():
-        out = job
     if out is None:
-        out = job.parent if job.suffix.lower() == ".json" else results_beside(job)
+        out = results_for(job)
     check_folder(out)
     return out
 

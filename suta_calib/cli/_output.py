@@ -246,6 +246,26 @@ def noted_sigterm() -> Iterator[Callable[[], bool]]:
 
 
 @contextmanager
+def noted_interrupt() -> Iterator[Callable[[], bool]]:
+    """Whether Ctrl-C was pressed, or this process was asked to end; a second Ctrl-C interrupts."""
+    asked = threading.Event()
+
+    def note(*_: object) -> None:
+        asked.set()
+        signal.signal(signal.SIGINT, signal.default_int_handler)
+
+    before = signal.getsignal(signal.SIGINT)
+    try:
+        with _on_sigterm(note):
+            if threading.current_thread() is threading.main_thread():
+                signal.signal(signal.SIGINT, note)
+            yield asked.is_set
+    finally:
+        if threading.current_thread() is threading.main_thread():
+            signal.signal(signal.SIGINT, before)
+
+
+@contextmanager
 def _on_sigterm(handler: Callable[..., Any]) -> Iterator[None]:
     """Only the main thread can be told."""
     if threading.current_thread() is not threading.main_thread():

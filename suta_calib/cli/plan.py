@@ -3,38 +3,27 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import Any
 
 import click
 
 from suta_calib.analysis import planning
-from suta_calib.check import Checker
-from suta_calib.check.design import design_check
-from suta_calib.check.read_back import read_back
+from suta_calib.cli._fleet import answer_of_many, answer_of_one, are_many, many_jobs
 from suta_calib.cli._options import (
     PATH,
     FiniteRange,
     chain_option,
-    job_argument,
     option,
-    out_option,
     region_option,
     seed_option,
 )
-from suta_calib.cli._output import LateProgress, answer_command
-from suta_calib.job.calibration import CalibrationJob
-from suta_calib.report.check_design import check_design_document
+from suta_calib.cli._output import answer_command
 from suta_calib.report.document import Document
-from suta_calib.report.plan import plan_document
-from suta_calib.tracking.read_back import is_result
 from suta_calib.units import from_deg, from_mm, stored
-
-if TYPE_CHECKING:
-    from suta_calib.arrays import FloatArray
 
 
 @answer_command
-@job_argument
+@many_jobs()
 @chain_option
 @option(
     "-n",
@@ -70,69 +59,31 @@ if TYPE_CHECKING:
     5.0,
 )
 @seed_option("Seed of the search.")
-@out_option
-def plan(
-    job: Path,
-    chain: str,
-    count: int | None,
-    purpose: str,
-    candidates: Path | None,
-    criterion: str,
-    region: FloatArray | None,
-    repeats: int | None,
-    tilt: float,
-    target_mm: float | None,
-    least_gain: float,
-    seed: int,
-) -> Document:
+def plan(job: tuple[Path, ...], **asked: Any) -> Document:
     """Choose what to measure next for JOB (a calibration.yaml), and when to stop.
 
     Candidates are placements of the job's artefact, flat and tilted, single points touched from
     many directions, and postures for an instrument or a camera. Writes plan.csv, plan.yaml and
     drawings. The exit code is 1 if the calibration with the present data must not be used.
+
+    With several JOBs each is planned for by itself, in several processes, as by a command of its
+    own. plan_summary.json and plan_summary.csv have a row for each. The exit code is that of the
+    worst.
     """
-    if purpose == "check":
-        return _for_check(job, chain, count or 5, candidates, region, seed)
-    loaded = CalibrationJob.load(job)
-    with LateProgress("calibrating") as progress:
-        situation = planning.situation_of_job(loaded, progress, chain)
+    del job
+    target = asked["target_mm"]
     options = planning.PlanOptions(
-        count or 3,
-        criterion,
-        repeats,
-        None if target_mm is None else from_mm(target_mm),
-        stored(least_gain, "%"),
-        pool=planning.Pool(most_tilt=from_deg(tilt)),
-        seed=seed,
+        criterion=asked["criterion"],
+        repeats=asked["repeats"],
+        target=None if target is None else from_mm(target),
+        least_gain=stored(asked["least_gain"], "%"),
+        pool=planning.Pool(most_tilt=from_deg(asked["tilt"])),
     )
-    places = None
-    if candidates is not None:
-        places, options = planning.candidate_places(candidates, situation, options)
-    where = None if region is None else planning.Region.box(region[0], region[1], situation)
-    with LateProgress("planning") as progress:
-        chosen = planning.plan(situation, options, places, where, progress)
-    return plan_document(chosen)
+    # Loads what the help does not need.
+    from suta_calib.fleet import Plan
 
-
-def _for_check(
-    job: Path,
-    chain: str,
-    count: int,
-    candidates: Path | None,
-    region: FloatArray | None,
-    seed: int,
-) -> Document:
-    """What would show most of what may change."""
-    if is_result(job):
-        checker = read_back(job).checker
-    else:
-        with LateProgress("calibrating") as progress:
-            checker = Checker(CalibrationJob.load(job).usable_solution(progress))
-    solution = checker.solution
-    situation = planning.Situation.of(solution.problem, solution, "", chain)
-    places = None
-    if candidates is not None:
-        options = planning.PlanOptions(count)
-        places, _ = planning.candidate_places(candidates, situation, options)
-    where = None if region is None else planning.Region.box(region[0], region[1], situation)
-    return check_design_document(design_check(situation, checker, count, places, where, seed))
+    same = ("purpose", "chain", "count", "candidates", "region", "seed")
+    work = Plan(options=options, **{name: asked[name] for name in same})
+    if are_many(click.get_current_context().params):
+        return answer_of_many(work, "planning")
+    return answer_of_one(work)

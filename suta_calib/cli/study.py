@@ -9,22 +9,19 @@ from typing import TYPE_CHECKING, Any, Final, cast
 import click
 from joblib import cpu_count
 
-from suta_calib.analysis.study import DriftOptions, Request, drift_study, study_of_job
+from suta_calib.analysis.study import DriftOptions, Request
+from suta_calib.cli._fleet import answer_of_many, answer_of_one, many_jobs
 from suta_calib.cli._options import (
     POSITIVE,
     FiniteRange,
     anyway_option,
-    flag,
-    job_argument,
     option,
-    out_option,
     seed_option,
 )
-from suta_calib.cli._output import LateProgress, answer_command, results_folder
-from suta_calib.job.calibration import CalibrationJob
+from suta_calib.cli._output import answer_command, results_folder
 from suta_calib.report.document import Document
-from suta_calib.report.study import drift_document, study_document
 from suta_calib.units import from_deg, from_mm, stored
+from suta_calib.words import enumerated
 
 if TYPE_CHECKING:
     from suta_calib.analysis.study.trial import Kind
@@ -52,7 +49,7 @@ def _sizes(
 
 
 @answer_command
-@job_argument
+@many_jobs(of_one_too=True)
 @option(
     "--kind",
     "What is studied.",
@@ -71,12 +68,8 @@ def _sizes(
 @option("--walk-mm", "drift: change of each length in one day (1 std).", FiniteRange(0, 1e6))
 @option("--days", "drift: number of days to simulate.", FiniteRange(1e-6, 1e5), 90.0)
 @seed_option("Seed of all random draws.")
-@option("--jobs", "Number of processes; default: one per core.", click.IntRange(1, 1024))
-@option("--dask ADDRESS", "Run on this Dask cluster, such as tcp://host:8786.")
-@flag("--resume", "Continue with the trials of an interrupted run.")
 @anyway_option
-@out_option
-def study(job: Path, kind: str, resume: bool, anyway: bool, **asked: Any) -> Document:
+def study(job: tuple[Path, ...], kind: str, anyway: bool, **asked: Any) -> Document:
     """Repeat the calibration of JOB many times over parts of its data.
 
     size: random subsets of the measurement sets, judged on validation data, show how many sets are
@@ -89,22 +82,32 @@ def study(job: Path, kind: str, resume: bool, anyway: bool, **asked: Any) -> Doc
     Every trial has its own random numbers, so that the result does not depend on the number of
     processes or on a cluster. Finished trials are kept in a .trials.csv next to the result; without
     --resume the study starts again. The exit code is 1 if no trial gave a result.
+
+    With several JOBs each has a study of its own. The processes are shared between them. The files
+    that end in _summary (JSON, CSV) have a row for each job. No job stops another. The exit code is
+    that of the worst.
     """
+    several = len(job) > 1
     trials, tolerance, seed = asked["trials"], stored(asked["tolerance_pct"], "%"), asked["seed"]
     walk_deg, walk_mm = asked["walk_deg"], asked["walk_mm"]
+    # Loads what the help does not need.
+    from suta_calib.fleet import Study
+
     if kind == "drift":
-        if resume or any(asked[name] is not None for name in ("unit", "dask", "sizes", "jobs")):
+        of_sets = ("unit", "sizes") if several else ("unit", "sizes", "jobs", "dask", "resume")
+        if any(asked[name] for name in of_sets):
             raise click.UsageError(
-                "--kind drift draws no sets and runs in one process: leave out --unit, --sizes, "
-                "--jobs, --dask and --resume"
+                "--kind drift draws no sets and runs in one process for each job: leave out "
+                f"{enumerated([f'--{name}' for name in of_sets])}"
             )
         if not walk_deg and not walk_mm:
             raise click.UsageError(
                 "--kind drift needs --walk-deg or --walk-mm, the drift of the parameters in one day"
             )
         walk = from_deg(walk_deg or 0.0), from_mm(walk_mm or 0.0)
-        options = DriftOptions(*walk, asked["days"], tolerance, trials, seed=seed)
-        return _drift(CalibrationJob.load(job), options, anyway=anyway)
+        drift = DriftOptions(*walk, asked["days"], tolerance, trials, seed=seed)
+        work = Study(drift=drift, anyway=anyway)
+        return answer_of_many(work, "walking") if several else answer_of_one(work)
     if walk_deg is not None or walk_mm is not None:
         raise click.UsageError("--walk-deg and --walk-mm are for --kind drift")
     if asked["sizes"] is not None and kind != "size":
@@ -112,21 +115,13 @@ def study(job: Path, kind: str, resume: bool, anyway: bool, **asked: Any) -> Doc
 
     chosen = cast("Kind", kind)
     request = Request(chosen, trials, asked["sizes"], asked["unit"], seed, tolerance)
-    log = results_folder() / request.log_name
+    work = Study(request=request, anyway=anyway, processes=asked["jobs"] or int(cpu_count()))
+    if several:
+        return answer_of_many(work, "studying")
     try:
-        with LateProgress("calibrating") as progress:
-            result = study_of_job(
-                CalibrationJob.load(job), request, log, resume=resume, anyway=anyway,
-                workers=asked["jobs"] or int(cpu_count()), dask=asked["dask"], progress=progress,
-            )  # fmt: skip
+        return answer_of_one(work)
     except KeyboardInterrupt:
+        log = results_folder() / request.log_name
         if log.exists():
             click.echo(f"finished trials are in {log}: continue with --resume", err=True)
         raise
-    return study_document(result)
-
-
-def _drift(job: CalibrationJob, options: DriftOptions, *, anyway: bool) -> Document:
-    with LateProgress("walking") as progress:
-        solution = job.usable_solution(anyway=anyway)
-        return drift_document(drift_study(solution, job.validation, options, progress))

@@ -9,12 +9,13 @@ from dataclasses import dataclass
 from glob import glob, has_magic
 from pathlib import Path
 
+from suta_calib.display import Displayable
 from suta_calib.errors import InputError
-from suta_calib.report.files import results_beside, results_of_its_own
+from suta_calib.report.files import results_for, results_of_its_own
 
 
 @dataclass(frozen=True)
-class FleetJob:
+class FleetJob(Displayable):
     """One job of many.
 
     Attributes:
@@ -80,7 +81,7 @@ def fleet_jobs(paths: Sequence[Path], out: Path | None = None) -> list[FleetJob]
         below = Path(os.path.relpath(folder, common))
         name = below if count[folder] == 1 else below / path.name
         named = name.as_posix() if name.parts else Path(folder).name or path.stem
-        place = results_beside(path) if out is None else out / named
+        place = results_for(path) if out is None else out / named
         if out is None and os.path.realpath(place) in taken:
             place = results_of_its_own(path)
         if os.path.realpath(place) in taken:

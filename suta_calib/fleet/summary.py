@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
-from typing import Any, Final, Literal
+from typing import Any, ClassVar, Final, Literal, Self
 
 from suta_calib.assessment import Assessment, judged, read_assessment
 from suta_calib.display import Displayable
@@ -17,13 +17,11 @@ Verdict = Literal["good", "care", "bad", "failed"]
 # The worst first: what somebody has to look at.
 VERDICTS: Final[tuple[Verdict, ...]] = ("failed", "bad", "care", "good")
 _TONE: Final[dict[Verdict, Tone]] = {"failed": "bad", "bad": "bad", "care": "care", "good": "good"}
-# States in which a parameter has a value of its own.
-_ESTIMATED: Final = ("identified", "prior", "at_bound")
 
 
 @dataclass(frozen=True)
 class JobResult(Displayable):
-    """What came of one job of many.
+    """What came of one job of many; what a command has beside it is in a class of its own.
 
     Attributes:
         name: of the job in the fleet.
@@ -32,18 +30,14 @@ class JobResult(Displayable):
         verdict: of its answer; ``failed`` where it has none.
         sentence: of the verdict.
         notes: of the verdict.
-        data: what the errors are of: ``validation``, or ``calibration`` if nothing is held out.
-        unit: of the errors, as in ``result.json``: mm, deg or px.
-        rms_before: of these errors with the nominal arm; None where there is no value.
-        rms_after: the same with the calibrated arm.
-        count: of these errors.
-        estimated: how many parameters have a value.
-        unidentified: how many the data cannot determine.
         error: why there is no answer.
         warnings: what was said beside it.
         seconds: from reading to the last file.
         resumed: whether the results were there, and nothing was computed.
     """
+
+    title: ClassVar[str] = "Jobs"
+    columns: ClassVar[tuple[Column[Any], ...]] = ()
 
     name: str
     job: str
@@ -51,40 +45,24 @@ class JobResult(Displayable):
     verdict: Verdict = "failed"
     sentence: str = ""
     notes: tuple[str, ...] = ()
-    data: str = ""
-    unit: str = ""
-    rms_before: float | None = None
-    rms_after: float | None = None
-    count: int = 0
-    estimated: int = 0
-    unidentified: int = 0
     error: str = ""
     warnings: tuple[str, ...] = ()
     seconds: float = 0.0
     resumed: bool = False
 
-    def of_record(self, record: Mapping[str, Any], *, resumed: bool) -> JobResult:
-        """The same with what ``result.json`` says."""
-        assessment, metrics = read_assessment(record), record.get("metrics") or {}
-        data = "validation" if (metrics.get("validation") or {}).get("by_term") else "calibration"
-        figures = metrics.get(data) or {}
-        before, after = (figures.get(which) or {} for which in ("before", "after"))
-        key = next((name for name in before if name.startswith("rms_")), "")
-        states = [p["state"] for p in (record.get("parameters") or {}).values()]
-        return replace(
-            self,
-            verdict=assessment.level,
-            sentence=assessment.sentence,
-            notes=assessment.notes,
-            data=data,
-            unit=key.removeprefix("rms_"),
-            rms_before=before.get(key),
-            rms_after=after.get(key),
-            count=int(before.get("count") or 0),
-            estimated=sum(state in _ESTIMATED for state in states),
-            unidentified=len(record.get("unidentified") or ()),
-            resumed=resumed,
-        )
+    def of_record(self, record: Mapping[str, Any], *, resumed: bool) -> Self:
+        """The same with what the JSON of its answer says."""
+        return replace(self.of_assessment(read_assessment(record)), resumed=resumed)
+
+    def of_assessment(self, assessment: Assessment) -> Self:
+        """The same with a verdict."""
+        verdict, notes = assessment.level, assessment.notes
+        return replace(self, verdict=verdict, sentence=assessment.sentence, notes=notes)
+
+    @property
+    def concern(self) -> float:
+        """Of two with the same verdict, the larger one is looked at first."""
+        return 0.0
 
     @property
     def in_a_line(self) -> str:
@@ -107,11 +85,15 @@ class FleetSummary(Displayable):
         results: of each, in the order in which they were given.
         seconds: all together.
         repeated: how often a job was named once more.
+        name: of the files that it is written to, without their suffix.
+        noun: what each is: a job, a robot.
     """
 
     results: tuple[JobResult, ...]
     seconds: float
     repeated: int = 0
+    name: str = "summary"
+    noun: str = "job"
 
     @property
     def counts(self) -> dict[Verdict, int]:
@@ -129,7 +111,7 @@ class FleetSummary(Displayable):
         """The worst of all."""
         few, counts, count = 3, self.counts, len(self.results)
         usable = f"{counts['good']:,} good" + f", {counts['care']:,} care" * (counts["care"] > 0)
-        jobs = f"{count:,} job{'s' * (count != 1)}"
+        jobs = f"{count:,} {self.noun}{'s' * (count != 1)}"
         if unusable := counts["failed"] + counts["bad"]:
             sentence = (
                 f"{unusable:,} of {jobs} gave nothing that may be used ({counts['bad']:,} bad, "
@@ -158,7 +140,7 @@ class FleetSummary(Displayable):
             yield f"{taken:,} results were there and whole, and were not computed again."
         if self.repeated:
             times = "once" if self.repeated == 1 else f"{self.repeated:,} times"
-            yield f"A job was named {times} more than once, and is computed once."
+            yield f"A {self.noun} was named {times} more than once, and is computed once."
 
     @property
     def in_a_line(self) -> str:
@@ -166,50 +148,40 @@ class FleetSummary(Displayable):
         return self.assessment.sentence
 
 
-def _rms(which: str) -> Column[JobResult]:
-    def cell(result: JobResult) -> str:
-        value = getattr(result, which)
-        return "–" if value is None else f"{value:.3g} {result.unit}"
-
-    return Column(which, which.removeprefix("rms_"), cell=cell, numeric=True)
-
-
-RESULTS: Final = Listing[JobResult](
-    "Jobs, with the RMS of their errors",
-    Column("name", "job"),
-    Column("verdict", "verdict", tone=lambda r: _TONE[r.verdict]),
-    _rms("rms_before"),
-    _rms("rms_after"),
-    Column("unit"),
-    Column("data", "of"),
-    Column("count"),
-    Column("estimated", "estimated", form="d"),
-    Column("unidentified"),
-    Column("seconds", "s", form=".2f"),
-    Column("resumed"),
-    Column("", "why", lambda r: r.reason, optional=True),
-    Column("sentence"),
-    Column("error"),
-    Column("job"),
-    Column("folder"),
-)
-_IN_JSON: Final = Listing[JobResult]("", *RESULTS.columns, *written("notes", "warnings"))
+def _listing(row: type[JobResult], noun: str, *more: Column[Any]) -> Listing[Any]:
+    """The table of rows of a class."""
+    return Listing[Any](
+        row.title,
+        Column("name", noun),
+        Column("verdict", "verdict", tone=lambda r: _TONE[r.verdict]),
+        *row.columns,
+        Column("seconds", "s", form=".2f"),
+        Column("resumed"),
+        Column("", "why", lambda r: r.reason, optional=True),
+        Column("sentence"),
+        Column("error"),
+        Column("job"),
+        Column("folder"),
+        *more,
+    )
 
 
 def fleet_document(fleet: FleetSummary) -> Document:
-    """One table of all jobs, the worst first; ``summary.csv`` and ``summary.json`` as given."""
-    worst_first = sorted(fleet.results, key=lambda result: VERDICTS.index(result.verdict))
+    """One table of all jobs, the worst first; ``NAME.csv`` and ``NAME.json`` in the order given."""
+    worst_first = sorted(fleet.results, key=lambda r: (VERDICTS.index(r.verdict), -r.concern))
+    listing = _listing(type(fleet.results[0]), fleet.noun)
     warned = [f"{r.name}: {warning}" for r in fleet.results for warning in r.warnings]
-    parts: list[Part] = [RESULTS.of(worst_first)]
+    parts: list[Part] = [listing.of(worst_first)]
     parts += [Text(f"Warnings: {listed(warned, 3)}")] if warned else []
-    parts += [File("summary.csv", lambda: csv_text(RESULTS, fleet.results))]
+    parts += [File(f"{fleet.name}.csv", lambda: csv_text(listing, fleet.results))]
+    in_json = _listing(type(fleet.results[0]), fleet.noun, *written("notes", "warnings"))
     return Document(
-        "summary",
-        "Many jobs",
+        fleet.name,
+        f"Many {fleet.noun}s",
         fleet.assessment,
         parts,
         {
-            "jobs": _IN_JSON.records(fleet.results),
+            f"{fleet.noun}s": in_json.records(fleet.results),
             "counts": fleet.counts,
             "seconds": fleet.seconds,
         },

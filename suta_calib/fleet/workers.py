@@ -13,7 +13,7 @@ import threading
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, CancelledError, Future, wait
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from functools import partial
 from typing import Any, Final, TypeVar
@@ -102,6 +102,80 @@ def _on_processes(
         wait_until_passed_on(running)
         for pool in (*idle, *(pool for _, pool in running.values())):
             pool.shutdown(wait=True, kill_workers=True)
+
+
+Submit = Callable[[Callable[[Any], Any], Any], Future[Any]]
+
+
+@contextmanager
+def seats(workers: int, dask: str | None = None) -> Iterator[list[Submit]]:
+    """Places where work goes on that remembers what came before: each is always the same process.
+
+    Gives a function for each that has some work done on one thing there, in order. `outcome` says
+    what came of it. With one worker it is done here, at once.
+
+    Raises:
+        InputError: no cluster at that address.
+    """
+    if dask is not None:
+        with dask_client(dask) as (_, client):
+            yield [partial(_submit_on, client, address) for address in client.nthreads()]
+    elif workers == 1:
+        yield [_submit_here]
+    else:
+        pools = [_Seat() for _ in range(workers)]
+        try:
+            yield [pool.submit for pool in pools]
+        finally:
+            for pool in pools:
+                pool.close()
+
+
+def outcome(future: Future[Any]) -> Any:
+    """What some work returned; `Crash` where its process ended."""
+    try:
+        return future.result()
+    except (BrokenProcessPool, CancelledError, OSError) as error:
+        return Crash(_brief(error))
+    except Exception as error:
+        if type(error).__name__ in ("KilledWorker", "FutureCancelledError"):
+            return Crash(_brief(error))
+        raise
+
+
+class _Seat:
+    """One worker process, and after its end another one."""
+
+    def __init__(self) -> None:
+        self._pool = _pool()
+
+    def submit(self, work: Callable[[T], R], thing: T) -> Future[R]:
+        """Have some work done."""
+        with interrupts_withheld():
+            try:
+                future: Future[R] = self._pool.submit(work, thing)
+            except BrokenProcessPool:
+                self.close()
+                self._pool = _pool()
+                future = self._pool.submit(work, thing)
+        return future
+
+    def close(self) -> None:
+        """End it, whatever it does."""
+        self._pool.shutdown(wait=True, kill_workers=True)
+
+
+def _submit_here(work: Callable[[T], R], thing: T) -> Future[R]:
+    future = Future[R]()
+    future.set_result(work(thing))
+    return future
+
+
+def _submit_on(client: Any, address: str, work: Callable[[T], R], thing: T) -> Future[R]:
+    future: Future[R] = client.submit(
+        _alone, work, thing, workers=[address], allow_other_workers=False, pure=False
+    )
+    return future
 
 
 def _pool() -> Any:

@@ -45,6 +45,7 @@ CHOSEN: Final = Listing[_Chosen](
     Column("sort", "what"),
     Column("readings", "joints, ° or mm", cell=lambda row: row.shown),
     Column("evidence", "evidence", form=".1f"),
+    key="chosen",
 )
 
 

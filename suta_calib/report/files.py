@@ -92,6 +92,13 @@ def run_record(name: str, inputs: Mapping[str, str], hashes: Mapping[str, str]) 
     return {"id": sha256(content).hexdigest()[:12], **run}
 
 
+def results_for(job: Path) -> Path:
+    """Where the answer on a job, or on a result (its folder, or a JSON in it), is written."""
+    if job.is_dir():
+        return job
+    return job.parent if job.suffix.lower() == ".json" else results_beside(job)
+
+
 def results_beside(job: Path) -> Path:
     """Where the answer on a job is written: each job of a folder has its own folder of results."""
     out = job.parent / "results"

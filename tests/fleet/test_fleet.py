@@ -10,67 +10,27 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import pytest
-from cli_job import Capture, answer, cli, made_worse, printed, refused, write_simulated_job
+from cli_job import Capture, answer, cli, made_worse, printed, refused
+from fleet_folders import contents, jobs_in
 
 from suta_calib.atomic import JOURNAL, PREFIX, SUFFIX
-from suta_calib.fleet import FleetSummary, calibrate_jobs, fleet_jobs
+from suta_calib.fleet import Calibrate, FleetSummary, Task, fleet_jobs, run_jobs, workers
 from suta_calib.fleet import calibrating as module
-from suta_calib.fleet.calibrating import Task, calibrated
+from suta_calib.fleet.running import done_to
 from suta_calib.fleet.workers import Crash
 from suta_calib.job.calibration import CalibrationJob
 
 RESULTS = {"calibrated.urdf", "result.json", "residuals.csv", "inputs.zip"}
 
 
-@pytest.fixture(scope="module")
-def made(tmp_path_factory: pytest.TempPathFactory, suta_urdf: Path) -> Path:
-    """A job that was calibrated by a command of its own."""
-    job = write_simulated_job(tmp_path_factory.mktemp("made") / "job", suta_urdf)
-    assert cli("calibrate", job, "--no-report") == 0
-    return job
-
-
-@pytest.fixture
-def fleet(made: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A folder of four robots, with relative paths as a user has them."""
-    for name in ("r1", "r2", "r3", "r4"):
-        shutil.copytree(made.parent, tmp_path / name, ignore=shutil.ignore_patterns("results"))
-    monkeypatch.chdir(tmp_path)
-    return tmp_path
-
-
-@pytest.fixture
-def in_one_process(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Jobs are done here, one after the other: starting workers takes seconds."""
-
-    def here(work: Callable[[Any], Any], tasks: Sequence[Any], **_: Any) -> Iterator[Any]:
-        yield from reversed([(k, work(task)) for k, task in enumerate(tasks)])
-
-    monkeypatch.setattr(module, "work_through", here)
-
-
-def contents(folder: Path) -> dict[str, bytes]:
-    """Of a folder's files; the times that a result.json holds are those of one run."""
-    found = {path.name: path.read_bytes() for path in folder.iterdir() if path.is_file()}
-    if "result.json" in found:
-        record = json.loads(found["result.json"])
-        assert record.pop("timing_s")
-        found["result.json"] = json.dumps(record).encode()
-    return found
-
-
-def jobs_in(folder: Path) -> list[Path]:
-    return sorted(path.relative_to(folder) for path in folder.glob("*/calibration.yaml"))
-
-
 @pytest.mark.usefixtures("in_one_process")
 def test_results_are_those_of_a_command_of_its_own(fleet: Path) -> None:
-    summary = calibrate_jobs(jobs_in(fleet))
+    summary = run_jobs(Calibrate(), jobs_in(fleet))
     assert [result.name for result in summary.results] == ["r1", "r2", "r3", "r4"]
     assert (summary.assessment.level, summary.exit_code) == ("good", 0)
     for job in jobs_in(fleet)[:2]:
@@ -153,7 +113,7 @@ def test_a_fault_of_the_package_is_one_row(
         return run(job, *more)
 
     monkeypatch.setattr(CalibrationJob, "run", faulty)
-    summary = calibrate_jobs(jobs_in(fleet))
+    summary = run_jobs(Calibrate(), jobs_in(fleet))
     errors = [result.error for result in summary.results]
     assert "ZeroDivisionError at test_fleet.py" in errors[0]
     assert "please report it" in errors[0]
@@ -163,8 +123,8 @@ def test_a_fault_of_the_package_is_one_row(
 
 
 def test_a_job_that_ends_its_process_is_named(fleet: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(module, "work_through", lambda *_, **__: iter([(0, Crash("SIGKILL"))]))
-    summary = calibrate_jobs(jobs_in(fleet)[:1])
+    monkeypatch.setattr(workers, "work_through", lambda *_, **__: iter([(0, Crash("SIGKILL"))]))
+    summary = run_jobs(Calibrate(), jobs_in(fleet)[:1])
     assert summary.of("failed") == ["r1"]
     assert "ended twice (SIGKILL)" in summary.results[0].error
 
@@ -201,13 +161,13 @@ def test_a_fleet_may_have_one_job(fleet: Path, in_one_process: None) -> None:
 @pytest.mark.usefixtures("in_one_process")
 def test_a_report_is_written_if_it_is_asked_for(fleet: Path) -> None:
     job = jobs_in(fleet)[0]
-    assert not calibrate_jobs([job]).results[0].resumed
-    assert calibrate_jobs([job], resume=True).results[0].resumed
-    assert not calibrate_jobs([job], resume=True, report=True).results[0].resumed
+    assert not run_jobs(Calibrate(), [job]).results[0].resumed
+    assert run_jobs(Calibrate(), [job], resume=True).results[0].resumed
+    assert not run_jobs(Calibrate(report=True), [job], resume=True).results[0].resumed
     assert (fleet / job.parent / "results" / "report.html").exists()
-    assert calibrate_jobs([job], resume=True, report=True).results[0].resumed
+    assert run_jobs(Calibrate(report=True), [job], resume=True).results[0].resumed
     # A result with more than is asked for is whole.
-    assert calibrate_jobs([job], resume=True).results[0].resumed
+    assert run_jobs(Calibrate(), [job], resume=True).results[0].resumed
 
 
 def cut(path: Path) -> None:
@@ -245,26 +205,26 @@ def test_what_is_not_whole_or_not_the_same_is_computed_again(
     # Where it was moved to, its paths are others.
     shutil.rmtree(job.folder)
     monkeypatch.undo()
-    assert calibrated(Task(job)).verdict == "good"
+    assert done_to(Task(Calibrate(), job)).verdict == "good"
     ran = list[CalibrationJob]()
     run = CalibrationJob.run
-    monkeypatch.setattr(CalibrationJob, "run", lambda self: ran.append(self) or run(self))
-    assert calibrated(Task(job, resume=True)).resumed
+    monkeypatch.setattr(CalibrationJob, "run", lambda self, *_: ran.append(self) or run(self))
+    assert done_to(Task(Calibrate(), job, resume=True)).resumed
     assert not ran
     name, spoil = DAMAGE[damage]
     spoil(tmp_path / "job" / name)
-    result = calibrated(Task(job, resume=True))
+    result = done_to(Task(Calibrate(), job, resume=True))
     assert (result.error, result.resumed, len(ran)) == ("", False, 1)
-    assert calibrated(Task(job, resume=True)).resumed
+    assert done_to(Task(Calibrate(), job, resume=True)).resumed
 
 
 def test_results_of_other_versions_are_computed_again(
     made: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     (job,) = fleet_jobs([made])
-    assert calibrated(Task(job, resume=True)).resumed
+    assert done_to(Task(Calibrate(), job, resume=True)).resumed
     monkeypatch.setattr(module, "versions", lambda: {"suta_calib": "another"})
-    assert not calibrated(Task(job, resume=True)).resumed
+    assert not done_to(Task(Calibrate(), job, resume=True)).resumed
 
 
 def test_an_exchange_that_was_broken_off_is_finished(made: Path, tmp_path: Path) -> None:
@@ -276,7 +236,7 @@ def test_an_exchange_that_was_broken_off_is_finished(made: Path, tmp_path: Path)
     for number, name in enumerate(names[2:], start=2):
         (job.folder / name).rename(stage / str(number))
     (stage / JOURNAL).write_text(json.dumps({"files": names, "stale": []}))
-    assert calibrated(Task(job, resume=True)).resumed
+    assert done_to(Task(Calibrate(), job, resume=True)).resumed
     assert contents(job.folder) == whole
 
 
@@ -315,7 +275,7 @@ def test_an_interrupt_says_how_to_go_on(
     def interrupted(*_: Any, **__: Any) -> FleetSummary:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(module, "work_through", interrupted)
+    monkeypatch.setattr(workers, "work_through", interrupted)
     assert cli("calibrate", *jobs_in(fleet)) == 130
     assert "continue with --resume" in capsys.readouterr().err
     assert not (fleet / "summary.json").exists()
