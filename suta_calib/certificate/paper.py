@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import unicodedata
 from collections.abc import Collection, Sequence
 from datetime import UTC, datetime
@@ -162,7 +163,7 @@ class _Sheet(FPDF):
         self._paragraph(content.method)
         self._conditions()
         self._standards()
-        self._heading("Results")
+        self._heading("Results", rows=_lines(content.groups[0]) + 3)
         for group in content.groups:
             self._group(group)
         self._paragraph(
@@ -269,7 +270,7 @@ class _Sheet(FPDF):
             self._paragraph(f"• {sentence}.")
 
     def _group(self, group: ValueTable) -> None:
-        self._heading(group.title, small=True, rows=len(group.quantities))
+        self._heading(group.title, small=True, rows=_lines(group))
         if group.about:
             self._paragraph(group.about)
         remarks = any(one.remark for one in group.quantities)
@@ -406,6 +407,11 @@ class _Sheet(FPDF):
             ) from None
         self.set_font("sans", "", BODY)
         self.ln(1)
+
+
+def _lines(group: ValueTable) -> int:
+    """How many lines a table takes with what is said above it, of some 95 letters each."""
+    return len(group.quantities) + math.ceil(len(group.about) / 95)
 
 
 def _party(party: Party | None) -> str:

@@ -3,10 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from typing import Final
 
 from suta_calib.certificate.answer import CertifiedAnswer, Record, not_stated, si
 from suta_calib.certificate.content import CertifiedValue, Content, ValueTable
 from suta_calib.units import key
+
+ASYMMETRIC: Final = (
+    "The confidence interval of a scatter is not symmetric: U is the way from the value to its "
+    "farther end, and k is nominal."
+)
 
 
 class RepeatabilityOnPaper(CertifiedAnswer):
@@ -18,9 +24,12 @@ class RepeatabilityOnPaper(CertifiedAnswer):
     def content(self, record: Record) -> Content:
         """Pose repeatability RP and the RMS deviation, of all visits and of each protocol."""
         confidence = float(record["confidence_pct"])
-        groups = [ValueTable("All visits", tuple(_figures(record["position"], confidence)))]
-        for name, part in (record.get("protocols") or {}).items():
-            groups.append(ValueTable(f"Protocol {name}", tuple(_figures(part, confidence))))
+        parts = {"All visits": record["position"]}
+        parts |= {f"Protocol {n}": part for n, part in (record.get("protocols") or {}).items()}
+        groups = [
+            ValueTable(title, tuple(_figures(part, confidence)), ASYMMETRIC)
+            for title, part in parts.items()
+        ]
         return Content(
             title="Repeatability of a measuring arm",
             measurand=(
