@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections import Counter
 from collections.abc import Sequence
+from textwrap import shorten
 from typing import TYPE_CHECKING, Final
 
 from rich.console import Group
@@ -31,6 +32,8 @@ _WORDS: Final[dict[State, str]] = {
 # Seconds between two pictures of a table, and between two lines where there is no terminal.
 _PICTURES: Final = 0.5
 _LINES: Final = 10.0, 60.0
+# Letters of a note: the summary has all of them.
+_NOTE: Final = 60
 
 
 def _evidence(robot: FollowedRobot) -> str:
@@ -46,7 +49,7 @@ ROBOTS: Final = Listing["FollowedRobot"](
     Column("rows", "rows", form="d"),
     Column("behind", "behind", form="d", optional=True),
     Column("evidence", "evidence", cell=_evidence, numeric=True),
-    Column("note", "", optional=True),
+    Column("note", "", cell=lambda r: shorten(r.note, _NOTE, placeholder=" …"), optional=True),
 )
 
 
