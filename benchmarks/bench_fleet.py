@@ -4,7 +4,7 @@ Every robot is a SUTA with errors of its own, seen by a tracker: 40 rows to fit,
 starts. Each size is calibrated by one command; of the largest, the command is killed (``kill -9``)
 when half of the results are there, and goes on with ``--resume``. Processor time is that of the
 command and its workers: on a computer with nothing else to do, two processes take half of it.
-Then 100 robots are checked by ten new rows each, 10 are planned for, and 10 are followed over rows
+Then 100 robots are checked by ten new rows each, 5 are planned for, and 5 are followed over rows
 that are there, which tells how many one core can follow at a row each second.
 Writes benchmarks/results/fleet.md (and fleet_checks.md). Arguments are sizes: ``bench_fleet.py 10
 100``; ``bench_fleet.py checks`` does the second part alone.
@@ -136,7 +136,7 @@ def write_list(folder: Path, robots: int, rows: str, count: int) -> Path:
     return folder / "fleet.csv"
 
 
-def checks(robots: int = 100, few: int = 10) -> None:
+def checks(robots: int = 100, few: int = 5) -> None:
     """Check and follow many robots, plan for some, and write the page."""
     with tempfile.TemporaryDirectory() as place:
         folder = Path(place)

@@ -132,7 +132,7 @@ class CheckedFleet(FleetSummary):
             return f"{sentence}."
         return (
             f"{sentence}, whatever the others do: of {count:,} sound robots {self.expected:.2g} on "
-            f"average are said to have changed. --false-alarm {all_of_them:.1g} makes it {each} "
+            f"average are said to have changed. --false-alarm {all_of_them:.2g} makes it {each} "
             "for all together, and finds small changes later."
         )
 

@@ -90,7 +90,7 @@ def follow_robots(
     """
     began, since = time.perf_counter(), None
     if dask is not None:
-        robots = [robot.absolute() for robot in robots]
+        work, robots = work.elsewhere(), [robot.absolute() for robot in robots]
     with seats(min(workers, len(robots)), dask) as places:
         followed = [_Following(work, robot, k, places) for k, robot in enumerate(robots)]
         last = False

@@ -12,11 +12,11 @@ import warnings
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from hashlib import sha256
 from pathlib import Path
 from time import perf_counter
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 from suta_calib.atomic import inputs_kept, note_input, recover
 from suta_calib.display import Displayable
@@ -58,6 +58,12 @@ class Work(Displayable, ABC):
 
     report: bool = False
     processes: int = 1
+
+    def elsewhere(self) -> Self:
+        """The same with paths that hold in any folder."""
+        values = {field.name: getattr(self, field.name) for field in fields(self)}
+        paths: dict[str, Any] = {n: v.absolute() for n, v in values.items() if isinstance(v, Path)}
+        return replace(self, **paths)
 
     @property
     @abstractmethod
@@ -199,7 +205,7 @@ def run_fleet(
     began = perf_counter()
     # Processes that no job would have are shared between the jobs.
     share = 1 if dask is not None else workers // max(len(jobs), 1)
-    work = replace(work, processes=max(share, 1))
+    work = replace(work if dask is None else work.elsewhere(), processes=max(share, 1))
     results: list[JobResult | None] = [None] * len(jobs)
     tasks = [Task(work, job, resume) for job in jobs]
     for done, (number, answer) in enumerate(

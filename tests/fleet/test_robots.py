@@ -74,7 +74,7 @@ def test_each_is_checked_as_by_a_command_of_its_own(robots: Path, capsys: Captur
     # What is to be expected by chance, and what makes it as rare for all together.
     said = " ".join(out.split())
     assert "of 3 sound robots 0.03 on average are said to have changed" in said
-    assert "--false-alarm 0.003" in said
+    assert "--false-alarm 0.0033" in said
     found = by_name(json.loads((robots / "check_summary.json").read_text()))
     assert [found[name]["verdict"] for name in ("r1", "r2", "r3")] == ["good", "bad", "good"]
     for name in found:
