@@ -9,7 +9,6 @@ import signal
 import subprocess
 import sys
 import threading
-import time
 from collections.abc import Callable
 from concurrent.futures import Future
 from contextlib import contextmanager
@@ -243,12 +242,12 @@ def test_ctrl_c_ends_all_with_what_is_known(
 ) -> None:
     """In processes, as a user runs it: two of them find what one does."""
     monkeypatch.setenv("PYTHONPATH", str(repository))
-    alone = by_name(answer(
-        "check", "--fleet", "fleet.csv", "--follow", "--seconds", "0.1", "--jobs", "1", code=1
-    ))  # fmt: skip
-    run = [sys.executable, "-m", "suta_calib", "check", "--fleet", "fleet.csv", "--follow"]
+    shutil.copy(robots / "r2" / "check.csv", robots / "r1" / "check.csv")
+    (robots / "r3" / "check.csv").unlink()
+    given = ("check", "--fleet", "fleet.csv", "--follow")
+    alone = by_name(answer(*given, "--seconds", "0.1", "--jobs", "1", code=2))
     running = subprocess.Popen(
-        [*run, "--jobs", "2"],
+        [sys.executable, "-m", "suta_calib", *given, "--jobs", "2"],
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
@@ -257,20 +256,24 @@ def test_ctrl_c_ends_all_with_what_is_known(
     watch = threading.Timer(500, running.kill)
     watch.start()
     assert running.stdout is not None
-    line = running.stdout.readline()
-    assert line.startswith("r2: changed after 2 rows: The zero of joint_3 changed by")
-    assert len(lines_of(robots, "r2")) == 2
+    waited = {"r1", "r2"}
+    while waited:
+        # On a busy machine lines of how many there are come before.
+        line = running.stdout.readline()
+        assert line
+        waited -= {name for name in waited if line.startswith(f"{name}: changed after 2 rows: The")}
+    # Known as soon as it is decided, each by a line of its own.
+    assert [len(lines_of(robots, name)) for name in ("r1", "r2", "r3")] == [2, 2, 0]
     # As a terminal does, to all of them.
-    time.sleep(1.0)
     os.killpg(running.pid, signal.SIGINT)
     out, err = running.communicate()
     watch.cancel()
-    assert (running.returncode, err) == (1, "")
-    assert "1 of 3 robots changed" in out
+    assert (running.returncode, err) == (2, "")
+    assert "2 of 3 robots changed, 1 could not be checked" in out
     found = by_name(json.loads((robots / "check_summary.json").read_text()))
-    assert found["r2"]["p"] == alone["r2"]["p"]
-    assert found["r1"]["verdict"] == "good"
-    assert len(lines_of(robots, "r1")) == 2
+    for name in ("r1", "r2"):
+        assert (found[name]["p"], found[name]["rows"]) == (alone[name]["p"], 2)
+    assert "found no rows" in found["r3"]["error"]
 
 
 def test_what_is_shown_of_many(capsys: Capture) -> None:
