@@ -31,7 +31,7 @@ def check_unit(
     one is named. The size is the root mean square distance, m, of what was seen or touched from its
     middle, ``extent`` that of tips (n, 3). The hint says which columns or key have the unit.
     """
-    moved = extent(term.poses.at({})[1])
+    moved = extent(term.poses.nominal_tips)
     # A tip that moves by less, m, lies on the axes that were turned about, if anything moved.
     if moved < 1e-7:
         raise term.refuse(

@@ -96,6 +96,11 @@ class PoseSource(ABC):
     def at(self, values: Mapping[str, float]) -> tuple[FloatArray, FloatArray]:
         """Rotations (n, 3, 3) and positions (n, 3), m, for parameter values by name."""
 
+    @property
+    def nominal_tips(self) -> FloatArray:
+        """(n, 3) positions by nominal values, m."""
+        return self.at({})[1]
+
     @abstractmethod
     def with_samples(self, samples: Samples) -> PoseSource:
         """The same poses with other things observed beside them; rows for rows."""
@@ -200,6 +205,11 @@ class ArmPoses(PoseSource):
         """Forward kinematics of the samples."""
         q = self.readings(values)
         return self.arm.forward(q, values, self.conditions)
+
+    @property
+    def nominal_tips(self) -> FloatArray:
+        """Of all samples once, however many subsets ask."""
+        return super().nominal_tips if self.conditions else self._standing.tips(self.arm)
 
     def readings(self, values: Mapping[str, float]) -> FloatArray:
         """(n, joints) readings when it was seen, by the values of the clock's unknowns."""
@@ -323,6 +333,7 @@ class _Standing:
     # What the tip carries (n, 4): with another load it is no longer where it was.
     loads: FloatArray | None = None
     by_tolerance: dict[float, IntArray] = field(default_factory=dict)
+    by_arm: dict[ArmModel, FloatArray] = field(default_factory=dict)
 
     @property
     def rests(self) -> IntArray:
@@ -340,7 +351,15 @@ class _Standing:
     def take(self, rows: ArrayLike) -> _Standing:
         """Those of some rows, by number or by boolean mask."""
         before = np.arange(len(self.q)) if self.rows is None else self.rows
-        return _Standing(self.q, before[np.asarray(rows)], self.loads, self.by_tolerance)
+        known = self.by_tolerance, self.by_arm
+        return _Standing(self.q, before[np.asarray(rows)], self.loads, *known)
+
+    def tips(self, arm: ArmModel) -> FloatArray:
+        """See `ArmPoses.nominal_tips`."""
+        if arm not in self.by_arm:
+            self.by_arm[arm] = arm.forward(self.q)[1]
+        of_all = self.by_arm[arm]
+        return of_all if self.rows is None else of_all[self.rows]
 
     def _groups(self, tolerance: float, loads: FloatArray | None = None) -> IntArray:
         if tolerance not in self.by_tolerance:
