@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 sys.path.insert(0, str(Path(__file__).parent / "_ext"))
 
+import docstrings
 import generated
 import name_pages
 import shown_reports
@@ -110,4 +111,5 @@ def setup(app: Sphinx) -> None:
     app.connect("builder-inited", lambda _: generated.write(generated.DOCS / "generated"))
     app.connect("source-read", linked_here)
     app.connect("autodoc-process-signature", short_types)
+    app.connect("autodoc-process-docstring", docstrings.prepared, priority=400)
     app.connect("build-finished", with_reports)

@@ -9,7 +9,7 @@ with G the derivative of a picture's rows by these errors, in units of σ. With 
 
     W r = r - U (1 - (1 + S²)^(-½)) Uᵀ r,   W C Wᵀ = σ² I
 
-are white (generalised least squares; Aitken 1935, doi:10.1017/S0370164600014346). What a picture
+are white (generalised least squares; Aitken 1936, doi:10.1017/S0370164600014346). What a picture
 says apart from where the hand is, such as of the lens, then counts as exactly as corners are found.
 """
 
