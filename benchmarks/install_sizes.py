@@ -1,15 +1,19 @@
-"""What each extra and each large dependency costs on the disk.
+"""What each extra and each large dependency costs on the disk, and to install.
 
 Sizes are those of the packages that are installed beside this script, which `make lint` installs
 with all extras, without compiled files. An extra is what comes with it beside the plain package.
-How long installing takes, ``make dist`` tells.
+Times are of the processor, of pip that gets the same versions again, without its cache, into an
+empty folder; what an index and a network take comes on top. ``make dist`` has it by the clock.
 
 Run with ``python benchmarks/install_sizes.py``; it writes ``docs/guides/installing_table.md``.
 """
 
 from __future__ import annotations
 
+import os
+import subprocess
 import sys
+import tempfile
 from collections.abc import Iterable
 from importlib.metadata import distribution
 from pathlib import Path
@@ -67,6 +71,17 @@ def megabytes(package: str) -> float:
     return sum(f.stat().st_size for f in files if f.suffix != ".pyc" and f.is_file()) / 1e6
 
 
+def seconds(packages: Iterable[str]) -> float:
+    """Of the processor, to install these into an empty folder."""
+    versions = [f"{name}=={distribution(name).version}" for name in packages if name != PACKAGE]
+    pip = [sys.executable, "-m", "pip", "install", "--quiet", "--no-deps", "--no-cache-dir"]
+    before = os.times()
+    with tempfile.TemporaryDirectory() as folder:
+        subprocess.run([*pip, "--target", folder, *sorted(versions)], check=True)
+    after = os.times()
+    return sum(after[2:4]) - sum(before[2:4])
+
+
 def row(name: str, packages: set[str]) -> str:
     """Of the table, the largest packages first."""
     sizes = {package: megabytes(package) for package in packages}
@@ -74,7 +89,8 @@ def row(name: str, packages: set[str]) -> str:
     named = [f"{package} {size:.0f}" for package, size in by_size if size >= NAMED_FROM]
     rest = len(by_size) - len(named)
     named += [f"{rest} smaller"] * (rest > 0)
-    return f"| {name} | {sum(sizes.values()):.0f} | {', '.join(named)} |"
+    size, taken = sum(sizes.values()), seconds(packages)
+    return f"| {name} | {size:.0f} | {taken:.0f} | {', '.join(named)} |"
 
 
 def weighed() -> list[str]:
@@ -111,8 +127,9 @@ def main() -> None:
     TABLE.write_text(
         f"*Python {python}, Linux, versions of `constraints.txt`; "
         "`python benchmarks/install_sizes.py` writes this table. An extra is what comes with it "
-        "beside the plain package. Compiled files, some 10 % more, are not counted.*\n\n"
-        "| install | MB | of which, MB |\n|---|--:|---|\n" + "\n".join(rows) + "\n\n"
+        "beside the plain package. Compiled files, some 10 % more, are not counted. Times are "
+        "of the processor, for pip without its cache.*\n\n"
+        "| install | MB | pip, s | of which, MB |\n|---|--:|--:|---|\n" + "\n".join(rows) + "\n\n"
         "What the plain package would be smaller by without one of these, and what is needed "
         "for it alone:\n\n| without | MB | of plain | needed by |\n|---|--:|--:|---|\n"
         + "\n".join(weighed())

@@ -59,6 +59,7 @@ nb_execution_mode = "off"
 
 autodoc_member_order = "bysource"
 autodoc_typehints_format = "short"
+autodoc_type_aliases = {name: name for name in ("FloatArray", "IntArray", "BoolArray", "Unit")}
 autodoc_preserve_defaults = True
 napoleon_google_docstring = True
 napoleon_numpy_docstring = False
@@ -76,7 +77,6 @@ ARRAY = re.compile(
     r"~?(?:numpy\.)?ndarray\[tuple\[~?(?:typing\.)?Any, \.\.\.\], "
     r"~?(?:numpy\.)?dtype\[~?(?:numpy\.)?(\w+)\]\]"
 )
-UNIT = "Literal['m', 'rad', 'rad/Nm', 'm/s', 'rad/s', 's', 'px', '1', '%']"
 
 
 def short_types(*event: Any) -> tuple[str | None, str | None]:
@@ -85,8 +85,7 @@ def short_types(*event: Any) -> tuple[str | None, str | None]:
     def short(text: str | None) -> str | None:
         if text is None:
             return None
-        named = ARRAY.sub(lambda found: ARRAYS.get(found[1], found[0]), text)
-        return re.sub(rf"~?(?:typing\.)?{re.escape(UNIT)}", "Unit", named)
+        return ARRAY.sub(lambda found: ARRAYS.get(found[1], found[0]), text)
 
     *_, signature, returned = event
     return short(signature), short(returned)

@@ -11,8 +11,8 @@ SEVERAL = re.compile(r"^( +)(\w+(?:, \w+)+)(: .*)$")
 def prepared(_app: Any, what: str, _name: str, _of: Any, _options: Any, lines: list[str]) -> None:
     """Handle ``autodoc-process-docstring``, earlier than napoleon."""
     if what in ("property", "attribute", "data"):
-        # Of "Exit code: 0, or 1", the first half would be a type.
-        lines.insert(0, "")
+        # Of "Exit code: 0, or 1", the first half would be a type. This line ends in nothing.
+        lines.insert(0, "\\")
     lines[:] = one_name_each(lines)
 
 
