@@ -13,11 +13,15 @@ import docstrings
 import generated
 import name_pages
 import shown_reports
+from docutils.nodes import Text
 from repository_pages import relinked
+from sphinx.addnodes import desc_annotation
 
 import suta_calib
+from suta_calib.units import Unit
 
 if TYPE_CHECKING:
+    from docutils.nodes import Element
     from sphinx.application import Sphinx
 
 project = "suta_calib"
@@ -59,7 +63,6 @@ nb_execution_mode = "off"
 
 autodoc_member_order = "bysource"
 autodoc_typehints_format = "short"
-autodoc_type_aliases = {name: name for name in ("FloatArray", "IntArray", "BoolArray", "Unit")}
 autodoc_preserve_defaults = True
 napoleon_google_docstring = True
 napoleon_numpy_docstring = False
@@ -77,18 +80,27 @@ ARRAY = re.compile(
     r"~?(?:numpy\.)?ndarray\[tuple\[~?(?:typing\.)?Any, \.\.\.\], "
     r"~?(?:numpy\.)?dtype\[~?(?:numpy\.)?(\w+)\]\]"
 )
+UNIT = re.compile(rf"~?(?:typing\.)?{re.escape(str(Unit).removeprefix('typing.'))}")
+
+
+def short(text: str) -> str:
+    """Types by the package's own names."""
+    return UNIT.sub("Unit", ARRAY.sub(lambda found: ARRAYS.get(found[1], found[0]), text))
 
 
 def short_types(*event: Any) -> tuple[str | None, str | None]:
-    """A signature with the package's own names of array types."""
-
-    def short(text: str | None) -> str | None:
-        if text is None:
-            return None
-        return ARRAY.sub(lambda found: ARRAYS.get(found[1], found[0]), text)
-
+    """Of a signature."""
     *_, signature, returned = event
-    return short(signature), short(returned)
+    return signature and short(signature), returned and short(returned)
+
+
+def short_annotations(_: Sphinx, _domain: str, _kind: str, content: Element) -> None:
+    """Of a property, which has no signature."""
+    for annotation in content.parent.findall(desc_annotation):
+        named = short(written := annotation.astext())
+        if named != written:
+            annotation.clear()
+            annotation += Text(named)
 
 
 def linked_here(_: Sphinx, page: str, content: list[str]) -> None:
@@ -110,5 +122,6 @@ def setup(app: Sphinx) -> None:
     app.connect("builder-inited", lambda _: generated.write(generated.DOCS / "generated"))
     app.connect("source-read", linked_here)
     app.connect("autodoc-process-signature", short_types)
+    app.connect("object-description-transform", short_annotations)
     app.connect("autodoc-process-docstring", docstrings.prepared, priority=400)
     app.connect("build-finished", with_reports)
