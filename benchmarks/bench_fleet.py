@@ -184,7 +184,7 @@ def head(title: str) -> list[str]:
         "",
         f"Written by `benchmarks/bench_fleet.py`: simulated robots, {PROCESSES} processes. Seconds",
         "of the processors are those of the command and its workers together; with nothing else to",
-        "do, a computer of two cores takes half of them. Memory is that of the largest process.",
+        "do, a computer of two cores takes half of them.",
         f"Python {platform.python_version()}, {os.cpu_count()} cores, load "
         f"{os.getloadavg()[0]:.1f} (what shares a core with others takes more of it).",
         "",
@@ -229,6 +229,7 @@ def page(costs: Sequence[Cost], sentence: str) -> str:
         "|--:|--:|--:|--:|--:|",
         *rows,
         "",
+        "Memory is that of the largest process.",
         sentence,
         "",
     ]
