@@ -23,7 +23,7 @@ import numpy as np
 
 from suta_calib.arrays import FloatArray, IntArray
 from suta_calib.solver.fitted import Fitted
-from suta_calib.solver.information import Rows, robust_jacobian, scaled_inverse
+from suta_calib.solver.information import Rows, robust_product, scaled_inverse
 from suta_calib.solver.problem import Problem
 from suta_calib.terms.length_scale import lengthened, scale_carrier, scale_carriers
 from suta_calib.terms.term import Term
@@ -123,10 +123,7 @@ def _by_coordinates(rows: Rows, index: dict[tuple[object, ...], int]) -> FloatAr
 
 def shifts(rows: Sequence[Rows], part: SharedErrors, bread: FloatArray) -> FloatArray:
     """(n, c) derivative dx/dl of an estimate, from whitened rows there and A⁻¹ (n, n)."""
-    cross = sum(
-        robust_jacobian(r).T @ robust_jacobian(replace(r, jacobian=d))
-        for r, d in zip(rows, part.jacobian, strict=True)
-    )
+    cross = sum(robust_product(r, d) for r, d in zip(rows, part.jacobian, strict=True))
     return np.asarray(-bread @ cross)
 
 

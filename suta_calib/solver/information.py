@@ -363,6 +363,22 @@ def robust_jacobian(rows: Rows) -> FloatArray:
     return jacobian.reshape(n * size, -1)
 
 
+def robust_product(rows: Rows, columns: FloatArray) -> FloatArray:
+    """`robust_jacobian` transposed times that of columns (n·d, k) in its place: (w, k)."""
+    line, (n, size) = rows.line, rows.line.residual.shape
+    matrices = [matrix.reshape(n, size, matrix.shape[1]) for matrix in (rows.jacobian, columns)]
+    total = np.zeros((rows.jacobian.shape[1], columns.shape[1]))
+    for first in range(0, n, AT_ONCE):
+        part_rows = slice(first, first + AT_ONCE)
+        weight, residual = line.weight[part_rows], line.residual[part_rows]
+        left, right = (m[part_rows] * np.sqrt(weight)[:, None, None] for m in matrices)
+        total += left.reshape(-1, left.shape[2]).T @ right.reshape(-1, right.shape[2])
+        if (outer := weight < 1.0).any():
+            along = [radial(residual[outer], m[outer])[1] for m in (left, right)]
+            total -= along[0].T @ along[1]
+    return total
+
+
 def scaled_inverse(matrix: FloatArray, rounding: float = 1e-12) -> FloatArray:
     """Pseudo-inverse of a positive semidefinite matrix whose diagonal spans many magnitudes.
 

@@ -66,7 +66,7 @@ class LinearFit(Displayable):
         size = np.concatenate([np.full(*r.line.residual.shape) for r in rows])
         row = np.repeat(np.arange(len(size)), size)
         return cls(
-            np.vstack([r.jacobian for r in rows]),
+            rows[0].jacobian if len(rows) == 1 else np.vstack([r.jacobian for r in rows]),
             np.concatenate([(r.line.residual / r.line.sigma[:, None]).ravel() for r in rows]),
             prior,
             away,
@@ -207,6 +207,8 @@ class LinearFit(Displayable):
 
     def only(self, parameters: IntArray) -> LinearFit:
         """The same with some of the parameters (k,); the others stay."""
+        if np.array_equal(parameters, np.arange(self.jacobian.shape[1])):
+            return self  # as large as all rows are, it is not copied
         return replace(
             self,
             jacobian=self.jacobian[:, parameters],

@@ -109,7 +109,9 @@ def tip_motion(problem: Problem, x: FloatArray, direction: Mapping[str, float]) 
     table, names = problem.evaluation.table, problem.names[: problem.arm_count]
     moving = {name: k for k, name in enumerate(names) if name in direction}
     factor = np.array([direction[name] for name in moving])
-    columns = table.velocity[:, list(moving.values())]
+    columns = table.velocity
+    if len(moving) < columns.shape[1]:
+        columns = columns[:, list(moving.values())]
     total = (columns @ factor).reshape(-1, 6)
     columns = columns.reshape(len(table.position), 6, len(moving))
     squares = np.einsum("nvk,nvk->vk", columns, columns) * factor**2 / max(len(columns), 1)
