@@ -24,8 +24,8 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parents[1]
 PYTHONS = ("3.11", "3.12", "3.13")
 MOST_MB = 5.0
-# Of the demo, in time of the processor: the clock depends on what else the machine does.
-MOST_SECONDS = 10.0
+# Of the demo, in time of the processor: 8 to 10 s were measured, by what else the machine does.
+MOST_SECONDS = 15.0
 # They need neither a checkout nor an extra, and touch all of mathematics, files and commands.
 TESTS = (
     *("geometry", "measurements", "test_api.py", "test_atomic.py", "test_inputs.py"),
