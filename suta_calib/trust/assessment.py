@@ -50,6 +50,9 @@ def assess_calibration(examined: CalibrationExamination) -> Assessment:
         judge("other readings", lambda: _cause(examined, foremost), failed) if contradicting else []
     )
     named = judge("the model", lambda: _named_cause(fewer, accuracy, alone=not cause), failed)
+    changed = [] if named else judge("changes", lambda: fewer.changes, failed)
+    # An arm that was fitted in two states is neither; an encoder's scale is the same in all rows.
+    mixed = [c for c in changed if c.kind != "travel" and _far_better(c.of_all, examined)]
     # What explains residuals that are far too large is said before them.
     first = named if foremost or any(item.bad for item in contradicting) else []
     against = [
@@ -72,18 +75,21 @@ def assess_calibration(examined: CalibrationExamination) -> Assessment:
     is_worse = attempt("judged: validation data", lambda: accuracy.worse, False, failed)
     bad = [
         *cause,
+        *(change.sentence for change in mixed),
         *([worse] if is_worse else []),
         *(sentence for sentence, is_bad in against if is_bad),
         *priors.bad,
         *(belief.sentence for belief in beliefs if belief.bad),
         *(sentence for sentence, level in doubts.items() if level == "bad"),
     ]
+    explained = foremost is not None or bool(changed)
     care = [
+        *(change.sentence for change in changed if change not in mixed),
         *(sentence for sentence, is_bad in against if not is_bad),
         *(sentence for sentence, level in doubts.items() if level == "care"),
         *([] if accuracy.validation or accuracy.unjudged else [fitted_only]),
         *([] if cause else judge("rows", lambda: matches(solution, "rows"), failed)),
-        *judge("the gain", lambda: _on_gain(accuracy, explained=foremost is not None), failed),
+        *judge("the gain", lambda: _on_gain(accuracy, explained=explained), failed),
         *(belief.sentence for belief in beliefs if not belief.bad),
         *judge("parameters", lambda: _on_parameters(examined), failed),
         *judge("zeros", lambda: [split.sentence for split in examined.prior_splits], failed),
@@ -93,7 +99,7 @@ def assess_calibration(examined: CalibrationExamination) -> Assessment:
         *judge(
             "residuals",
             lambda: _beside_geometry(
-                *(examined, fewer), named=bool(named), suspect=not (cause or priors.bad)
+                *(examined, fewer), named=bool(named or changed), suspect=not (cause or priors.bad)
             ),
             failed,
         ),
@@ -163,6 +169,11 @@ def _cause(examined: CalibrationExamination, foremost: Finding | None = None) ->
     left = 1.0 if foremost is None else math.sqrt(max(1.0 - foremost.evidence.share, 0.0))
     far_better = cause.before * left > examined.rule.far_better * cause.after
     return [cause.sentence] if far_better else []
+
+
+def _far_better(share: float, examined: CalibrationExamination) -> bool:
+    """Whether what explains this share of the squares lowers the misfit as another reading must."""
+    return share > 1.0 - examined.rule.far_better**-2
 
 
 def _on_gain(accuracy: Accuracy, *, explained: bool) -> list[str]:
@@ -361,8 +372,6 @@ def _beside_geometry(
         )
     if named:
         return notes
-    if changed := fewer.changes:
-        return [*notes, *(change.sentence for change in changed)]
     if arm is None or not suspect:
         return notes
     return [*notes, *(_like_an_error(fewer, examined.accuracy) or _like_geometry(examined, fewer))]

@@ -102,8 +102,10 @@ def changes(answer: Examination, rule: Rule = Rule()) -> tuple[ChangeInTime, ...
         if suspect.hypothesis is not None and also_left.cost < left.cost + equal * left.noise
     ]
     sentences = tuple(change.sentence for change in instead if change.sized)
-    share = fit.linear.squares_where(fit.columns(first.velocity)) / fit.linear.squares
-    return (replace(change, instead=sentences, share=lowered / max(share * before, 1e-300)),)
+    concerned = fit.linear.squares_where(fit.columns(first.velocity)) / fit.linear.squares
+    of_all = lowered / max(before, 1e-300)
+    share = lowered / max(concerned * before, 1e-300)
+    return (replace(change, instead=sentences, share=share, of_all=of_all),)
 
 
 def suspects(fit: ReducedFit) -> tuple[list[SuspectedChange], int]:

@@ -71,9 +71,10 @@ class ChangeInTime:
         p: chance of residuals so suspicious, allowing for the number of tests.
         until: file and row until which it is so; empty where that is the last.
         instead: sentences of what explains these data as well.
-        share: of the squared residuals that it explains.
+        share: of the squared residuals that it explains, of rows in which it is so.
         turn, turn_std: what was moved or crept was turned by that, rad; NaN where it was not.
         what: a camera or a body that these rows alone look at, by its label; or empty.
+        of_all: as `share`, of the squared residuals of all rows.
     """
 
     hypothesis: InTime
@@ -88,6 +89,7 @@ class ChangeInTime:
     turn: float = math.nan
     turn_std: float = math.nan
     what: str = ""
+    of_all: float = 0.0
 
     @property
     def kind(self) -> str:

@@ -155,6 +155,17 @@ def test_a_small_change_is_named_and_sized(case: str) -> None:
     assert since in told.sentence
 
 
+@pytest.mark.parametrize(("by", "level"), [(4e-4, "care"), (3e-3, "bad")])
+def test_an_arm_that_was_fitted_in_two_states_is_not_used(by: float, level: str) -> None:
+    def pushed_by(position: Any) -> Any:
+        return position + (np.arange(len(position)) >= 35)[:, None] * [0.0, by, 0.0]
+
+    assessment = solved(TRACKED, seen(pushed_by)).assessment
+    assert assessment.level == level
+    first = next(note for note in assessment.notes if "no validation data" not in note)
+    assert "was moved by" in first
+
+
 def exchanged_after(
     make: Callable[[dict[str, float]], Scene], longer: float, since: int
 ) -> Callable[[Samples], Samples]:
