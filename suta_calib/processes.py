@@ -23,13 +23,16 @@ ONE_THREAD: Final = {
 
 
 def prepare(starter: int) -> None:
-    """Make a worker ready; an interrupt it leaves to the process that started it.
+    """Make a worker ready; an interrupt or SIGTERM it leaves to the process that started it.
+
+    ``timeout`` and systemd send SIGTERM to the whole group of processes.
 
     Args:
         starter: that process's number. When that one is gone (``kill -9``), the worker ends too:
             nobody waits for what it does, and it would be at work beside the next run.
     """
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, signal.SIG_IGN)
     threading.Thread(target=_end_after, args=(starter,), daemon=True).start()
 
 
@@ -51,7 +54,7 @@ def wait_until_passed_on(handed_out: Iterable[Future[Any]]) -> None:
 
 @contextmanager
 def interrupts_withheld() -> Iterator[None]:
-    """Processes started meanwhile do not hear of an interrupt, which comes afterwards.
+    """Processes started meanwhile do not hear of an interrupt or SIGTERM, which comes afterwards.
 
     Until a worker has imported what it needs it cannot ignore one itself, and cries.
     """
@@ -60,7 +63,7 @@ def interrupts_withheld() -> Iterator[None]:
         return
     # Its start lets interrupts through again.
     resource_tracker.ensure_running()
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT, signal.SIGTERM})
     try:
         yield
     finally:

@@ -110,7 +110,8 @@ class FollowedFile:
             last: how many are taken then.
 
         Raises:
-            InputError: a row that cannot be used.
+            InputError: a row that cannot be used; those before it have been looked at, and show no
+                change.
         """
         with TemporaryDirectory(prefix="suta-calib-") as folder:
             copy = Path(folder) / self.file.name
@@ -120,6 +121,11 @@ class FollowedFile:
             except InputError as error:
                 if error.file != copy:
                     raise
+                broken = error.line or 0
+                if first < broken - 1 and 1 < broken - 1 < last:
+                    step = self.take(lines, first, broken - 1)
+                    if step.changed:
+                        return step
                 raise type(error).of(error, self.file, error.line) from None
         numbers = [int(row.rpartition(":")[2]) for row in term.poses.samples.origin]
         return self.follow.add(term, sum(number <= first for number in numbers))
@@ -133,6 +139,13 @@ class FollowedFile:
         try:
             return self.follow.check()
         except SamplesError as error:
+            if not self.file.exists():
+                raise SamplesError(
+                    "no such file from the beginning to the end",
+                    "a file that somebody writes rows to",
+                    file=self.file,
+                    hint="check its name, and whether what measures runs and writes there",
+                ) from None
             raise SamplesError.of(error, self.file, None) from None
 
 

@@ -21,7 +21,7 @@ from click.exceptions import Exit
 
 from suta_calib import __version__
 from suta_calib.atomic import inputs_kept
-from suta_calib.cli._process import INTERRUPTED, PROGRAM, discard_stdout, say_interrupted
+from suta_calib.cli._process import PROGRAM, discard_stdout, say_interrupted
 from suta_calib.errors import (
     InputError,
     SutaCalibError,
@@ -168,8 +168,7 @@ def run(arguments: Sequence[str] | None = None) -> int:
         except (click.Abort, KeyboardInterrupt, SystemError) as error:
             if isinstance(error, SystemError) and not is_interrupt(error):
                 raise
-            say_interrupted()
-            return INTERRUPTED
+            return say_interrupted()
         except BrokenPipeError:
             discard_stdout()
             return 0

@@ -73,6 +73,12 @@ class FollowView(LiveView):
                 self._known = {robot.name: robot.state for robot in robots}
                 self.live.update(self._picture(robots), refresh=True)
 
+    def say(self, line: str) -> None:
+        """A line, above the table if there is one."""
+        if not self.quiet:
+            with printing():
+                self.to.print(line, soft_wrap=True)
+
     def _lines(self, robots: Sequence[FollowedRobot]) -> None:
         for robot in robots:
             before = self._known.get(robot.name)

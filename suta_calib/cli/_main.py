@@ -6,8 +6,8 @@ import gc
 import os
 
 from suta_calib.cli._process import (
-    INTERRUPTED,
     complete_streams,
+    end_by_sigterm,
     end_undisturbed,
     leave,
     say_interrupted,
@@ -15,12 +15,16 @@ from suta_calib.cli._process import (
 
 
 def main() -> None:
-    """Entry point of the command ``suta-calib``: an interrupt at any time is one line and 130."""
+    """Entry point of the command ``suta-calib``: an interrupt at any time is one line and 130.
+
+    So is SIGTERM, and 143.
+    """
     # Modules are a hundred thousand objects that all live on: to look through them for garbage, as
     # often as Python does, takes a twelfth of the time of a short command.
     gc.set_threshold(200_000, 20, 20)
     complete_streams()
     try:
+        end_by_sigterm()
         # OpenBLAS reads this when NumPy is imported. Matrices here are small: more threads mostly
         # wait for each other. Whoever sets another number keeps it.
         os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
@@ -31,6 +35,5 @@ def main() -> None:
         end_undisturbed()
     except KeyboardInterrupt:
         end_undisturbed()
-        say_interrupted()
-        code = INTERRUPTED
+        code = say_interrupted()
     leave(code)

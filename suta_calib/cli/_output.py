@@ -231,13 +231,6 @@ class LiveView:
 
 
 @contextmanager
-def ended_by_sigterm() -> Iterator[None]:
-    """Whoever ends it as services are ended gets what Ctrl-C gets: complete files."""
-    with _on_sigterm(signal.default_int_handler):
-        yield
-
-
-@contextmanager
 def noted_sigterm() -> Iterator[Callable[[], bool]]:
     """Whether this process was asked to end: then files are still written."""
     asked = threading.Event()

@@ -13,6 +13,8 @@ from typing import Final, NoReturn
 
 PROGRAM: Final = "suta-calib"
 INTERRUPTED: Final = 130
+TERMINATED: Final = 143
+_terminated = threading.Event()
 
 
 def leave(code: int) -> NoReturn:
@@ -79,14 +81,29 @@ def discard_stdout() -> None:
     os.close(nowhere)
 
 
-def say_interrupted() -> None:
-    """What whoever interrupted a command is told."""
-    print(f"{PROGRAM}: interrupted; no incomplete files were left", file=sys.stderr, flush=True)
+def end_by_sigterm() -> None:
+    """From here on SIGTERM, as of ``timeout`` and services, ends a command as Ctrl-C does."""
+
+    def terminate(*_: object) -> None:
+        _terminated.set()
+        raise KeyboardInterrupt
+
+    # Who had it ignored keeps that.
+    if signal.getsignal(signal.SIGTERM) is signal.SIG_DFL:
+        signal.signal(signal.SIGTERM, terminate)
+
+
+def say_interrupted() -> int:
+    """What whoever interrupted a command is told; the exit code."""
+    by = "ended by SIGTERM" if _terminated.is_set() else "interrupted"
+    print(f"{PROGRAM}: {by}; no incomplete files were left", file=sys.stderr, flush=True)
+    return TERMINATED if _terminated.is_set() else INTERRUPTED
 
 
 def end_undisturbed() -> None:
     """From here on there is nothing left to interrupt but Python's own end."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, signal.SIG_IGN)
     # Where an interrupt came while Python executed a text, as it does to make a dataclass, it ends
     # by that signal and not with our code, whoever caught it, until it executes another text.
     exec("")

@@ -21,7 +21,6 @@ from suta_calib.cli._output import (
     LateProgress,
     answer_command,
     console,
-    ended_by_sigterm,
     noted_interrupt,
     printing,
     results_folder,
@@ -157,6 +156,7 @@ def _of_fleet(fleet: Path, result: Path | None, **asked: Any) -> Document:
             seconds=asked["seconds"],
             over=over,
             show=view.show,
+            say=view.say,
         )
     return fleet_document(answer)
 
@@ -207,7 +207,7 @@ def _followed(
     """What was found until something changed, or until somebody ended it."""
     quiet, said = click.get_current_context().params["as_json"], console()
     rows, done = FollowedFile(file, read, follow), 0
-    with ended_by_sigterm(), suppress(KeyboardInterrupt):
+    with suppress(KeyboardInterrupt):
         for lines, fresh in growing(file, seconds):
             first, done = 0 if fresh else done, lines.count(b"\n")
             step = rows.take(lines, first, done)

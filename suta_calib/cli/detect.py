@@ -14,7 +14,6 @@ from suta_calib.cli._options import PATH, WRITTEN, Folder, flag, length_unit, op
 from suta_calib.cli._output import (
     LateProgress,
     answer_command,
-    ended_by_sigterm,
     open_page,
     say_line,
 )
@@ -203,8 +202,7 @@ def detect(
     say = partial(say_line, stderr=True)
     with LivePictures(LiveOptions(images[0], sought, video, port, host), say) as taking:
         open_page(taking.url, no_open=no_open, stderr=True)
-        with ended_by_sigterm():
-            taking.run()
+        taking.run()
         taking.calibrating()
         try:
             answer = request.answered(sought)

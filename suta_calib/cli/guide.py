@@ -21,7 +21,7 @@ from suta_calib.cli._options import (
     page_options,
     urdf_option,
 )
-from suta_calib.cli._output import ended_by_sigterm, open_page, say_line
+from suta_calib.cli._output import open_page, say_line
 from suta_calib.cli.measure import PlaceCommand
 from suta_calib.guide.guiding import Guide, GuideOptions
 from suta_calib.units import from_deg
@@ -75,6 +75,5 @@ def guide(**options: Any) -> None:
     places = [name for name in options if name not in stated]
     labels = {name: label for name in places if (label := options.pop(name)) is not None}
     measuring = MeasureOptions(labels=labels, rest=rest, **options)
-    with ended_by_sigterm():
-        opened = partial(open_page, no_open=stays_closed)
-        Guide(GuideOptions(measuring, **page), say_line, opened).run()
+    opened = partial(open_page, no_open=stays_closed)
+    Guide(GuideOptions(measuring, **page), say_line, opened).run()

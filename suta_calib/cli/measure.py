@@ -24,7 +24,7 @@ from suta_calib.cli._options import (
     option,
     urdf_option,
 )
-from suta_calib.cli._output import console, ended_by_sigterm, print_json, printing
+from suta_calib.cli._output import console, print_json, printing
 from suta_calib.device.port_process import open_ahead
 from suta_calib.terms import KINDS
 from suta_calib.units import from_deg
@@ -167,7 +167,6 @@ def measure(context: click.Context, /, **options: Any) -> None:
             with printing():
                 to.print(line, soft_wrap=True)
 
-        stack.enter_context(ended_by_sigterm())
         measured = run(chosen, say=say, show=show, port=port)
     if as_json:
         with printing():

@@ -12,7 +12,7 @@ from rich.console import Group
 from rich.text import Text
 
 from suta_calib.cli._options import PATH, POSITIVE, FiniteRange, json_option, option, urdf_option
-from suta_calib.cli._output import LiveView, ended_by_sigterm, print_json
+from suta_calib.cli._output import LiveView, print_json
 from suta_calib.device import Bus, DeviceSpec, Reading, read_device
 from suta_calib.device.monitoring import LOSSES, Monitor, stream_report, watch
 from suta_calib.device.reading import ERROR_MEANING, WARNING_MEANING
@@ -88,7 +88,7 @@ def monitor(
             view.show(now, report)
 
     try:
-        with ended_by_sigterm(), view, bus:
+        with view, bus:
             watch(bus, watched, seconds=seconds, show=show)
     finally:
         # However it ended: who pressed Ctrl-C wants to know what was seen until then.

@@ -23,7 +23,7 @@ from suta_calib.cli._options import (
     option,
     urdf_argument,
 )
-from suta_calib.cli._output import LiveView, console, ended_by_sigterm, print_json, printing
+from suta_calib.cli._output import LiveView, console, print_json, printing
 from suta_calib.geometry.numbers import rpy_from_rotation
 from suta_calib.report.console import FittedTable, Wrapped
 from suta_calib.report.listing import Table
@@ -148,7 +148,7 @@ def track(context: click.Context, /, **options: Any) -> None:
     tracking = Tracking(TrackOptions(**options))
     view = TrackView(tracking, stats=stats, quiet=as_json)
     tracking.on_event = view.say
-    with tracking, ended_by_sigterm():
+    with tracking:
         tracking.run(view, lambda: view.broken)
     with printing():
         if as_json:

@@ -13,7 +13,7 @@ import click
 
 from suta_calib.atomic import write_bytes_atomically
 from suta_calib.cli._options import PATH, POSITIVE, WRITTEN, anyway_option, json_option, option
-from suta_calib.cli._output import LateProgress, console, ended_by_sigterm, print_json, printing
+from suta_calib.cli._output import LateProgress, console, print_json, printing
 from suta_calib.device.device_file import read_device
 from suta_calib.job.calibration import CalibrationJob
 from suta_calib.tracking.read_back import read_calibrated
@@ -79,7 +79,7 @@ def view(
         context.exit(calibrated.assessment.exit_code)
 
     serving = view_calibration(calibrated, port, host)
-    with suppress(KeyboardInterrupt), ended_by_sigterm(), serving as viewer:
+    with suppress(KeyboardInterrupt), serving as viewer:
         where = f"Open {viewer.url} in a browser; Ctrl-C ends it"
         _say(calibrated, {**answer, "url": viewer.url}, where, as_json=as_json)
         _serve(viewer, calibrated, spec, seconds)

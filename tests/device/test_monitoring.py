@@ -11,7 +11,8 @@ import numpy as np
 import pytest
 from device_streams import PtyDevice, device
 
-from suta_calib.cli._app import INTERRUPTED, run
+from suta_calib.cli._app import run
+from suta_calib.cli._process import INTERRUPTED
 from suta_calib.device import Bus, Reading
 from suta_calib.device.diagnosis import remarks
 from suta_calib.device.formats import encode_frame

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import multiprocessing
 import os
 import shutil
 import signal
@@ -158,7 +159,10 @@ def test_each_is_followed_as_by_a_command_of_its_own(robots: Path) -> None:
     rows = (robots / "r1" / "check.csv").read_text()
     (robots / "nan.csv").write_text(rows.replace("\n", "\nnan,", 4))
     (robots / "half.csv").write_text(rows[:-30])
-    more = "nan,r1/results,nan.csv\nwaits,r1/results,none.csv\nhalf,r1/results,half.csv\n"
+    lines = rows.splitlines(keepends=True)
+    (robots / "later.csv").write_text("".join([*lines[:5], "nan," + lines[5]]))
+    names = {"later": "later", "nan": "nan", "waits": "none", "half": "half"}
+    more = "".join(f"{name},r1/results,{file}.csv\n" for name, file in names.items())
     (robots / "more.csv").write_text((robots / "fleet.csv").read_text() + more)
     given = ("--follow", "--seconds", "0.1")
     found = answer("check", "--fleet", "more.csv", *given, "--jobs", "1", code=2)
@@ -167,8 +171,15 @@ def test_each_is_followed_as_by_a_command_of_its_own(robots: Path) -> None:
         *("good", "bad", "good", "failed", "failed", "good"),
     ]
     assert "nan.csv:2" in each["nan"]["error"]
-    assert "none.csv" in each["waits"]["error"]
+    assert "none.csv: found no such file" in each["waits"]["error"]
     assert each["half"]["rows"] == 7
+    # Rows before a broken one count.
+    later = each["later"]
+    assert (later["verdict"], later["rows"]) == ("failed", 4)
+    assert "later.csv:6" in later["error"]
+    (robots / "four.csv").write_text("".join(lines[:5]))
+    own = answer("check", "r1/results", "four.csv", *given, "--no-history", code=0)
+    assert later["p"] == own["p"]
     for name, code in (("r1", 0), ("r2", 1)):
         own = answer("check", f"{name}/results", f"{name}/check.csv", *given, code=code)
         assert (each[name]["rows"], each[name]["p"]) == (own["rows"], own["p"])
@@ -228,6 +239,79 @@ def test_a_worker_that_ends_costs_no_robot(robots: Path, monkeypatch: pytest.Mon
     assert "ended twice (SIGKILL(-9))" in third.error
 
 
+def test_who_waits_for_a_process_that_another_ends_is_not_blamed(
+    robots: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """All are worked on in one process, which r2 ends whenever its rows are looked at."""
+    waiting, over = list[tuple[Future[Any], Callable[[Any], Any], Any]](), threading.Event()
+
+    def submit(work: Callable[[Any], Any], given: Any) -> Future[Any]:
+        future = Future[Any]()
+        waiting.append((future, work, given))
+        return future
+
+    def worker() -> None:
+        # So that all three wait at a time.
+        while not over.wait(0.05):
+            batch, ended = [waiting.pop(0) for _ in range(len(waiting))], False
+            for future, work, given in batch:
+                if ended or (work is following._decide and given.robot.name == "r2"):
+                    ended = True
+                    following._at_work.clear()
+                    future.set_exception(BrokenProcessPool("ended"))
+                else:
+                    future.set_result(work(given))
+
+    @contextmanager
+    def places(*_: Any) -> Any:
+        thread = threading.Thread(target=worker)
+        thread.start()
+        try:
+            yield [submit]
+        finally:
+            over.set()
+            thread.join()
+
+    monkeypatch.setattr(following, "seats", places)
+    fleet = follow_robots(CheckRobots(history=False), read_robots(Path("fleet.csv")), seconds=0.1)
+    assert [(row.rows, row.verdict) for row in fleet.results] == [
+        *((8, "good"), (0, "failed"), (8, "good")),
+    ]
+    assert "ended twice" in fleet.results[1].error
+
+
+def test_the_robots_of_a_worker_that_is_killed_lose_no_row(robots: Path) -> None:
+    """Killed while it waits: with the next row, or at the end, they begin again."""
+    others, killed = set(multiprocessing.active_children()), list[int]()
+
+    def show(told: Any) -> None:
+        if not killed and [robot.rows for robot in told] == [8, 2, 8]:
+            for worker in set(multiprocessing.active_children()) - others:
+                killed.append(worker.pid or 0)
+                os.kill(killed[-1], signal.SIGKILL)
+
+    fleet = follow_robots(
+        *(CheckRobots(history=False), read_robots(Path("fleet.csv"))),
+        workers=2,
+        show=show,
+        over=lambda: bool(killed),
+    )
+    assert len(killed) == 2
+    assert [(row.rows, row.verdict) for row in fleet.results] == [
+        *((8, "good"), (2, "bad"), (8, "good")),
+    ]
+
+
+def test_when_time_is_up_rows_that_were_read_are_looked_at(
+    robots: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    said, only = list[str](), read_robots(Path("fleet.csv"))[:1]
+    monkeypatch.setattr(following, "_LINES", 2)
+    fleet = follow_robots(CheckRobots(history=False), only, seconds=1e-9, say=said.append)
+    assert said == ["time is up: 4 rows are still looked at"]
+    assert fleet.results[0].rows == 8
+
+
 def test_a_seat_is_always_the_same_process_until_that_ends() -> None:
     with seats(2) as (first, second):
         numbers = [first(os.path.realpath, f"/proc/{'self'}") for _ in range(2)]
@@ -237,8 +321,9 @@ def test_a_seat_is_always_the_same_process_until_that_ends() -> None:
         assert outcome(first(doubled, 4)) == 8
 
 
-def test_ctrl_c_ends_all_with_what_is_known(
-    robots: Path, repository: Path, monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGTERM])
+def test_ctrl_c_or_sigterm_ends_all_with_what_is_known(
+    how: signal.Signals, robots: Path, repository: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """In processes, as a user runs it: two of them find what one does."""
     monkeypatch.setenv("PYTHONPATH", str(repository))
@@ -264,8 +349,8 @@ def test_ctrl_c_ends_all_with_what_is_known(
         waited -= {name for name in waited if line.startswith(f"{name}: changed after 2 rows: The")}
     # Known as soon as it is decided, each by a line of its own.
     assert [len(lines_of(robots, name)) for name in ("r1", "r2", "r3")] == [2, 2, 0]
-    # As a terminal does, to all of them.
-    os.killpg(running.pid, signal.SIGINT)
+    # As a terminal, `timeout` and systemd do, to all of them.
+    os.killpg(running.pid, how)
     out, err = running.communicate()
     watch.cancel()
     assert (running.returncode, err) == (2, "")
@@ -273,7 +358,7 @@ def test_ctrl_c_ends_all_with_what_is_known(
     found = by_name(json.loads((robots / "check_summary.json").read_text()))
     for name in ("r1", "r2"):
         assert (found[name]["p"], found[name]["rows"]) == (alone[name]["p"], 2)
-    assert "found no rows" in found["r3"]["error"]
+    assert "found no such file from the beginning to the end" in found["r3"]["error"]
 
 
 def test_what_is_shown_of_many(capsys: Capture) -> None:
