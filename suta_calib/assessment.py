@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import wraps
 from pathlib import Path
-from typing import Any, Final, Literal, TypeVar
+from typing import Any, Final, Literal, Self, TypeVar
 
 from suta_calib.errors import SutaCalibError, UnusableResultError, is_interrupt
 
@@ -89,11 +89,13 @@ class Assessment:
         level: ``good``; ``care`` (usable, but something must be known); ``bad`` (not usable).
         sentence: what was found; empty where the level says it all.
         notes: what must be known, one sentence each; where all is well, what that rests on.
+        faults: of the notes, those that name what is wrong with the data or lacks in the model.
     """
 
     level: Level
     sentence: str = ""
     notes: tuple[str, ...] = ()
+    faults: tuple[str, ...] = ()
 
     @property
     def statement(self) -> str:
@@ -112,7 +114,7 @@ class Assessment:
         bad: Sequence[str] = (),
         care: Sequence[str] = (),
         facts: Sequence[str] = (),
-    ) -> Assessment:
+    ) -> Self:
         """The verdict from all findings: the worst one counts.
 
         Args:
@@ -152,17 +154,18 @@ class Assessment:
             "usable": self.usable,
             "sentence": self.sentence,
             "notes": list(self.notes),
+            **({"faults": list(self.faults)} if self.faults else {}),
         }
 
 
 def read_assessment(answer: Mapping[str, Any]) -> Assessment:
     """The verdict of a result that was read from JSON; "care" if it has none."""
     verdict = _verdict(answer)
-    level, notes = verdict.get("level"), verdict.get("notes")
+    level, lists = verdict.get("level"), (verdict.get("notes"), verdict.get("faults"))
     return Assessment(
         level if level in WORD else "care",
         str(verdict.get("sentence", "it has no verdict")),
-        tuple(map(str, notes)) if isinstance(notes, list) else (),
+        *(tuple(map(str, notes)) if isinstance(notes, list) else () for notes in lists),
     )
 
 

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -11,7 +12,7 @@ import click
 
 from suta_calib.atomic import check_folder
 from suta_calib.cli._options import PATH, Command, option, results_of
-from suta_calib.cli._output import LateProgress, results_folder
+from suta_calib.cli._output import LateProgress, conclude, results_folder
 from suta_calib.report.document import Document
 
 if TYPE_CHECKING:
@@ -97,6 +98,23 @@ def _sentence(of: str, what: str) -> str:
     return f"{of}{what}" if of else f"{what[0].upper()}{what[1:]}"
 
 
+@contextmanager
+def interruptible(remedy: str = "") -> Iterator[None]:
+    """Within it Ctrl-C ends a fleet with a summary of what is done, and says how to go on."""
+    from suta_calib.fleet import FleetInterrupted, fleet_document
+
+    try:
+        yield
+    except FleetInterrupted as interrupted:
+        done = interrupted.done
+        if done.results:
+            conclude(fleet_document(done, results_folder()))
+        count = len(done.results)
+        said = f"{count:,} of {count + done.unfinished:,} {done.noun}s are done{remedy}"
+        click.echo(said, err=True)
+        raise
+
+
 def answer_of_many(work: JobWork, doing: str) -> Document:
     """The answer of the running command on many jobs; says on stderr how many are done."""
     from suta_calib.fleet import fleet_document, run_jobs
@@ -105,21 +123,17 @@ def answer_of_many(work: JobWork, doing: str) -> Document:
     context = click.get_current_context()
     asked, source = context.params, context.get_parameter_source("out")
     beside = source is click.core.ParameterSource.DEFAULT
-    try:
-        with LateProgress(doing) as progress:
-            fleet = run_jobs(
-                replace(work, report=bool(asked["report"])),
-                asked["job"],
-                None if beside else results_folder(),
-                workers=asked["jobs"] or usable_cores(),
-                dask=asked["dask"],
-                resume=asked["resume"],
-                progress=progress,
-            )
-    except KeyboardInterrupt:
-        click.echo("results of the jobs that are done are whole: continue with --resume", err=True)
-        raise
-    return fleet_document(fleet)
+    with interruptible("; continue with --resume"), LateProgress(doing) as progress:
+        fleet = run_jobs(
+            replace(work, report=bool(asked["report"])),
+            asked["job"],
+            None if beside else results_folder(),
+            workers=asked["jobs"] or usable_cores(),
+            dask=asked["dask"],
+            resume=asked["resume"],
+            progress=progress,
+        )
+    return fleet_document(fleet, results_folder())
 
 
 def answer_of_one(work: JobWork) -> Document:

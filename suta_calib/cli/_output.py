@@ -13,7 +13,7 @@ from contextlib import contextmanager, suppress
 from functools import wraps
 from hashlib import sha256
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar, Self
+from typing import TYPE_CHECKING, Any, ClassVar, Final, Self
 
 import click
 from rich.console import Console
@@ -33,6 +33,10 @@ if TYPE_CHECKING:
     from rich.progress import Progress
 
     from suta_calib.report.document import Document
+
+
+# Where a context has the hashes of a command's inputs.
+_INPUTS: Final = "suta_calib.inputs"
 
 
 def console(*, stderr: bool = False) -> Console:
@@ -81,28 +85,36 @@ def answer_command(command: Callable[..., Document]) -> click.Command:
         context: click.Context,
         /,
         *,
-        as_json: bool,
-        verbose: bool,
         out: Path | None = None,
         **options: Any,
     ) -> None:
+        for shown_how in ("as_json", "verbose"):
+            del options[shown_how]
         # Before anything is computed: nobody knows what a file holds by then.
         inputs = {} if out is None else _inputs(context)
-        answer, written = command(**options), None
-        # Who reads need not wait for the pictures of the report.
-        if not as_json:
-            with printing():
-                console().print(rendered(answer, verbose=verbose), crop=False)
-        if out is not None:
-            written = write_document(answer, out, inputs)
-        with printing():
-            if as_json:
-                print_json(answer.json() if written is None else written)
-            elif written is not None:
-                _print_files(written["files"], out, opens=answer.written == "opening")
+        context.meta[_INPUTS] = inputs
+        answer = command(**options)
+        conclude(answer)
         context.exit(answer.exit_code)
 
     return verbose_option(json_option(shown))
+
+
+def conclude(answer: Document) -> None:
+    """Show the answer of the running command, and write its files if it has a folder."""
+    context, written = click.get_current_context(), None
+    as_json, out = context.params["as_json"], context.params.get("out")
+    # Who reads need not wait for the pictures of the report.
+    if not as_json:
+        with printing():
+            console().print(rendered(answer, verbose=context.params["verbose"]), crop=False)
+    if out is not None:
+        written = write_document(answer, out, context.meta[_INPUTS])
+    with printing():
+        if as_json:
+            print_json(answer.json() if written is None else written)
+        elif written is not None:
+            _print_files(written["files"], out, opens=answer.written == "opening")
 
 
 def _print_files(files: Mapping[str, str], out: Path | None, *, opens: bool) -> None:

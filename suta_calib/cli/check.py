@@ -16,6 +16,7 @@ from suta_calib.check.growing import FollowedFile, growing
 from suta_calib.check.history import recall, remembered
 from suta_calib.check.pose_answers import PoseAnswer
 from suta_calib.check.read_back import ReadBack, read_answer
+from suta_calib.cli._fleet import interruptible
 from suta_calib.cli._options import PATH, POSITIVE, FiniteRange, anyway_option, flag, option
 from suta_calib.cli._output import (
     LateProgress,
@@ -143,11 +144,11 @@ def _of_fleet(fleet: Path, result: Path | None, **asked: Any) -> Document:
         **{name: asked[name] for name in ("board", "camera", "false_alarm", "anyway")},
     )
     if not follow:
-        with LateProgress("checking") as progress:
+        with interruptible(), LateProgress("checking") as progress:
             answer = check_robots(
                 work, robots, workers=workers, dask=asked["dask"], progress=progress
             )
-        return fleet_document(answer)
+        return fleet_document(answer, out)
     with noted_interrupt() as over, FollowView(quiet=context.params["as_json"]) as view:
         answer = follow_robots(
             *(work, robots),
@@ -158,7 +159,7 @@ def _of_fleet(fleet: Path, result: Path | None, **asked: Any) -> Document:
             show=view.show,
             say=view.say,
         )
-    return fleet_document(answer)
+    return fleet_document(answer, out)
 
 
 def _of_one(

@@ -13,6 +13,7 @@ from .planning import Plan as Plan
 from .planning import PlannedJob as PlannedJob
 from .robots import FleetRobot as FleetRobot
 from .robots import read_robots as read_robots
+from .running import FleetInterrupted as FleetInterrupted
 from .running import JobWork as JobWork
 from .running import Task as Task
 from .running import Work as Work
@@ -20,6 +21,7 @@ from .running import run_fleet as run_fleet
 from .running import run_jobs as run_jobs
 from .studying import StudiedJob as StudiedJob
 from .studying import Study as Study
+from .summary import FleetAssessment as FleetAssessment
 from .summary import FleetSummary as FleetSummary
 from .summary import JobResult as JobResult
 from .summary import fleet_document as fleet_document

@@ -39,7 +39,7 @@ class CalibratedJob(JobResult):
         rms_after: the same with the calibrated arm.
         count: of these errors.
         estimated: how many parameters have a value.
-        unidentified: how many the data cannot determine.
+        unidentified: how many the data cannot determine. These three are None without an answer.
     """
 
     title: ClassVar[str] = "Jobs, with the RMS of their errors"
@@ -57,9 +57,9 @@ class CalibratedJob(JobResult):
     unit: str = ""
     rms_before: float | None = None
     rms_after: float | None = None
-    count: int = 0
-    estimated: int = 0
-    unidentified: int = 0
+    count: int | None = None
+    estimated: int | None = None
+    unidentified: int | None = None
 
     def of_record(self, record: Mapping[str, Any], *, resumed: bool) -> CalibratedJob:
         """The same with what ``result.json`` says."""

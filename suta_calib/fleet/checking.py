@@ -16,15 +16,14 @@ from suta_calib.check.pose_answers import PoseAnswer
 from suta_calib.check.read_back import ReadBack, read_answer
 from suta_calib.errors import InputError
 from suta_calib.fleet.robots import FleetRobot
-from suta_calib.fleet.running import Task, Work, hashes, run_fleet
-from suta_calib.fleet.summary import FleetSummary, JobResult
+from suta_calib.fleet.running import FleetInterrupted, Task, Work, hashes, run_fleet
+from suta_calib.fleet.summary import FleetSummary, JobResult, Verdict
 from suta_calib.report.check import check_document
 from suta_calib.report.files import write_document
 from suta_calib.report.listing import Column
 from suta_calib.solver.solve import Progress
 from suta_calib.terms import Term
 from suta_calib.units import Unit, text, unit_name
-from suta_calib.words import listed
 
 
 @dataclass(frozen=True)
@@ -32,7 +31,7 @@ class CheckedRobot(JobResult):
     """What came of the check of one robot of many.
 
     Attributes:
-        rows: new ones that were looked at.
+        rows: new ones that were looked at; None where it failed before.
         bad_rows: of these, those that agree with nothing else.
         rms: of their errors, of the first kind; None where there is no value.
         unit: of these errors, m, rad or px.
@@ -54,8 +53,8 @@ class CheckedRobot(JobResult):
         Column("p", "p", form=".2g"),
     )
 
-    rows: int = 0
-    bad_rows: int = 0
+    rows: int | None = None
+    bad_rows: int | None = None
     rms: float | None = None
     unit: Unit = "m"
     changed: tuple[str, ...] = ()
@@ -102,20 +101,12 @@ class CheckedFleet(FleetSummary):
     @judged
     def assessment(self) -> Assessment:
         """Which robots changed, which could not be checked, and how many chance explains."""
-        few, counts, count = 3, self.counts, len(self.results)
+        counts, count = self.counts, len(self.results)
         robots = f"{count:,} robot{'s' * (count != 1)}"
         parts = [f"{counts['bad']:,} of {robots} changed"]
         parts += [f"{counts['failed']:,} could not be checked"] * bool(counts["failed"])
-        failed, bad, care = self.of("failed"), self.of("bad"), self.of("care")
-        return Assessment.of(
-            ", ".join(parts),
-            bad=[
-                *([f"Changed: {listed(bad, few)}."] if bad else []),
-                *([f"Not checked: {listed(failed, few)}."] if failed else []),
-            ],
-            care=[f"Care: {listed(care, few)}."] if care else [],
-            facts=[self.by_chance],
-        )
+        words: dict[Verdict, str] = {"bad": "Changed", "failed": "Not checked"}
+        return self.judged_by(", ".join(parts), words, [self.by_chance])
 
     @property
     def expected(self) -> float:
@@ -247,11 +238,17 @@ def check_robots(
 
     Raises:
         InputError: no cluster at that address.
+        FleetInterrupted: Ctrl-C; it has what is done.
     """
     if dask is not None:
         # Workers there start in another folder.
         robots = [robot.absolute() for robot in robots]
-    fleet = run_fleet(work, robots, workers=workers, dask=dask, progress=progress)
+    try:
+        fleet = run_fleet(work, robots, workers=workers, dask=dask, progress=progress)
+    except FleetInterrupted as interrupted:
+        done = interrupted.done
+        checked = summary_of(work, done.results, done.seconds)
+        raise FleetInterrupted(replace(checked, unfinished=done.unfinished)) from None
     return summary_of(work, fleet.results, fleet.seconds)
 
 

@@ -91,6 +91,7 @@ def follow_robots(
     Raises:
         InputError: no cluster at that address.
     """
+    work.refuse_missing()
     began, since = time.perf_counter(), None
     if dask is not None:
         work, robots = work.elsewhere(), [robot.absolute() for robot in robots]

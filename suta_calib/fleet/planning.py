@@ -35,7 +35,7 @@ class PlannedJob(JobResult):
     Attributes:
         tip: uncertainty of the tip in the region with the present data, m; None of a check.
         then: the same with what is to be measured.
-        unidentified: how many parameters the present data cannot determine.
+        unidentified: how many parameters the present data cannot determine; None without a plan.
         worthwhile: how many measurements pay; None if all that were looked at do.
         chosen: what to measure, best first.
     """
@@ -56,7 +56,7 @@ class PlannedJob(JobResult):
 
     tip: float | None = None
     then: float | None = None
-    unidentified: int = 0
+    unidentified: int | None = None
     worthwhile: int | None = None
     chosen: tuple[str, ...] = ()
 

@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 from suta_calib.atomic import inputs_kept, note_input, recover
 from suta_calib.display import Displayable
-from suta_calib.errors import SutaCalibError
+from suta_calib.errors import InputError, SutaCalibError
 from suta_calib.exchange.result import content_digest
 from suta_calib.fleet.jobs import FleetJob, fleet_jobs
 from suta_calib.fleet.summary import FleetSummary, JobResult
@@ -66,6 +66,21 @@ class Work(Displayable, ABC):
         return replace(self, **paths)
 
     @property
+    def inputs(self) -> Sequence[Path]:
+        """Files that the command line names beside the jobs."""
+        return ()
+
+    def refuse_missing(self) -> None:
+        """Before any job is begun: all of them would fail alike.
+
+        Raises:
+            InputError: a file that the command line names is not there.
+        """
+        for path in self.inputs:
+            if not path.is_file():
+                raise InputError("no such file", "an existing file", file=path)
+
+    @property
     @abstractmethod
     def summary(self) -> str:
         """Name of the files that the summary is written to, without their suffix."""
@@ -88,11 +103,6 @@ class JobWork(Work):
     def summary(self) -> str:
         """That of the answer, for beside it may be the summary of another command."""
         return f"{self.record}_summary"
-
-    @property
-    def inputs(self) -> Sequence[Path]:
-        """Files that the command line names beside the job."""
-        return ()
 
     @abstractmethod
     def read(self, path: Path) -> Any:
@@ -179,7 +189,9 @@ def run_jobs(
         What came of each job, in the order in which they were given.
 
     Raises:
-        InputError: jobs on several drives, or no cluster at that address.
+        InputError: jobs on several drives, a file beside them that is not there, or no cluster at
+            that address.
+        FleetInterrupted: Ctrl-C; it has what is done.
     """
     jobs = fleet_jobs([Path(path) for path in paths], None if out is None else Path(out))
     if dask is not None:
@@ -187,6 +199,18 @@ def run_jobs(
         jobs = [replace(j, path=j.path.absolute(), folder=j.folder.absolute()) for j in jobs]
     fleet = run_fleet(work, jobs, workers=workers, dask=dask, resume=resume, progress=progress)
     return replace(fleet, repeated=len(paths) - len(jobs))
+
+
+class FleetInterrupted(KeyboardInterrupt):
+    """Somebody ended a fleet while it was at work.
+
+    Args:
+        done: what came of the jobs that were done.
+    """
+
+    def __init__(self, done: FleetSummary) -> None:
+        super().__init__()
+        self.done = done
 
 
 def run_fleet(
@@ -202,21 +226,30 @@ def run_fleet(
     # Loads what one job does not need.
     from suta_calib.fleet.workers import Crash, work_through
 
+    work.refuse_missing()
     began = perf_counter()
     # Processes that no job would have are shared between the jobs.
     share = 1 if dask is not None else workers // max(len(jobs), 1)
     work = replace(work if dask is None else work.elsewhere(), processes=max(share, 1))
     results: list[JobResult | None] = [None] * len(jobs)
     tasks = [Task(work, job, resume) for job in jobs]
-    for done, (number, answer) in enumerate(
-        work_through(done_to, tasks, workers=workers, dask=dask), start=1
-    ):
-        job = jobs[number]
-        results[number] = crashed(work, job, answer) if isinstance(answer, Crash) else answer
-        if progress is not None:
-            progress(done, len(jobs))
-    complete = tuple(result for result in results if result is not None)
-    return FleetSummary(complete, perf_counter() - began, name=work.summary, noun=work.noun)
+
+    def summary() -> FleetSummary:
+        complete = tuple(result for result in results if result is not None)
+        left, seconds = len(jobs) - len(complete), perf_counter() - began
+        return FleetSummary(complete, seconds, unfinished=left, name=work.summary, noun=work.noun)
+
+    try:
+        for done, (number, answer) in enumerate(
+            work_through(done_to, tasks, workers=workers, dask=dask), start=1
+        ):
+            job = jobs[number]
+            results[number] = crashed(work, job, answer) if isinstance(answer, Crash) else answer
+            if progress is not None:
+                progress(done, len(jobs))
+    except KeyboardInterrupt:
+        raise FleetInterrupted(summary()) from None
+    return summary()
 
 
 def crashed(work: Work, job: FleetJob, crash: Crash) -> JobResult:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -108,7 +109,9 @@ def assess_calibration(examined: CalibrationExamination) -> Assessment:
     ]
     alone_bad = bool(first) and foremost is not None and foremost.level == "bad"
     (bad if bad or alone_bad else care)[:0] = first
-    return Assessment.of(
+    moved = [] if named else judge("changes", lambda: [c.sentence for c in fewer.changes], failed)
+    notes = {*bad, *care}
+    assessment = Assessment.of(
         solution.sentence,
         bad=bad,
         care=care,
@@ -120,6 +123,8 @@ def assess_calibration(examined: CalibrationExamination) -> Assessment:
             *judge("widened ±", lambda: _on_widening(solution), failed),
         ],
     ).with_care(failed)
+    faults = tuple(note for note in (*cause, *named, *moved) if note in notes)
+    return replace(assessment, faults=faults)
 
 
 def assess_solution(solution: Solution) -> Assessment:

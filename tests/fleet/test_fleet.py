@@ -11,19 +11,31 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import pytest
 from cli_job import Capture, answer, cli, made_worse, printed, refused
 from fleet_folders import contents, jobs_in
+from rich.console import Console
 
 from suta_calib.atomic import JOURNAL, PREFIX, SUFFIX
-from suta_calib.fleet import Calibrate, FleetSummary, Task, fleet_jobs, run_jobs, workers
+from suta_calib.fleet import (
+    Calibrate,
+    CalibratedJob,
+    FleetSummary,
+    Task,
+    fleet_document,
+    fleet_jobs,
+    run_jobs,
+    workers,
+)
 from suta_calib.fleet import calibrating as module
 from suta_calib.fleet.running import done_to
 from suta_calib.fleet.workers import Crash
 from suta_calib.job.calibration import CalibrationJob
+from suta_calib.report.console import rendered
 
 RESULTS = {"calibrated.urdf", "result.json", "residuals.csv", "inputs.zip"}
 
@@ -65,7 +77,9 @@ def test_a_broken_job_stops_no_other(fleet: Path, capsys: Capture) -> None:
     assert cli("calibrate", *jobs) == 2
     out, err = capsys.readouterr()
     assert err == ""
-    assert out.startswith("Do not use. 4 of 5 jobs gave nothing")
+    said_first = "Look at 4 of 5 jobs. 4 gave no answer; of 5 jobs 1 may be used: 1 good"
+    assert out.startswith(said_first)
+    assert "No answer: r1, r2, r3, empty." in out
     assert "Written to .: summary.csv, summary.json" in out
     assert max(map(len, out.splitlines())) <= 80
     found = json.loads((fleet / "summary.json").read_text())
@@ -74,6 +88,9 @@ def test_a_broken_job_stops_no_other(fleet: Path, capsys: Capture) -> None:
     with (fleet / "summary.csv").open(newline="") as file:
         rows = {row["name"]: row for row in csv.DictReader(file)}
     assert list(rows) == ["r1", "r2", "r3", "r4", "empty"]
+    assert rows["r4"]["job"] == "r4/calibration.yaml"
+    assert (rows["r1"]["estimated"], rows["r1"]["count"]) == ("", "")
+    assert rows["r1"]["reason"] == rows["r1"]["error"]
     for name, error in said.items():
         assert rows[name]["verdict"] == "failed"
         assert error in rows[name]["error"]
@@ -145,6 +162,9 @@ def test_every_job_has_a_folder_of_its_own(fleet: Path) -> None:
     assert answer("calibrate", *paths, "--out", "out")["counts"]["good"] == 3
     assert {p.name for p in Path("out").iterdir()} == {"r1", "r2", "summary.csv", "summary.json"}
     assert not (fleet / "r1" / "results").exists()
+    # From the summary's folder, wherever the command was given.
+    (first, *_) = json.loads(Path("out/summary.json").read_text())["jobs"]
+    assert (first["job"], first["folder"]) == ("../r1/calibration.yaml", "r1/calibration.yaml")
     # By itself it finds the same place.
     assert {job.folder.name for job in fleet_jobs(paths[1:2])} == {"results"}
     assert cli("calibrate", *paths, "--no-report") == 0
@@ -269,13 +289,94 @@ def test_killed_in_the_middle_it_goes_on_with_resume(
     assert {path.name for path in first.parent.iterdir()} == RESULTS
 
 
+def test_sigterm_leaves_a_summary_of_what_is_done(
+    fleet: Path, repository: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """In processes, each of which `timeout` and systemd tell to end."""
+    monkeypatch.setenv("PYTHONPATH", str(repository))
+    command = [sys.executable, "-m", "suta_calib", "calibrate", *jobs_in(fleet), "--report"]
+    running = subprocess.Popen(
+        [*command, "--jobs", "1"],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+    )
+    first, end = fleet / "r1" / "results" / "result.json", time.monotonic() + 500
+    while not first.exists():
+        assert running.poll() is None
+        assert time.monotonic() < end
+        time.sleep(0.01)
+    os.killpg(running.pid, signal.SIGTERM)
+    _, err = running.communicate()
+    assert running.returncode == 143, err
+    assert "of 4 jobs are done; continue with --resume" in err
+    assert "ended by SIGTERM" in err
+    assert "leaked" not in err
+    assert "Traceback" not in err
+
+
 def test_an_interrupt_says_how_to_go_on(
     fleet: Path, monkeypatch: pytest.MonkeyPatch, capsys: Capture
 ) -> None:
-    def interrupted(*_: Any, **__: Any) -> FleetSummary:
+    done = list[Any]()
+
+    def interrupted(work: Callable[[Any], Any], tasks: Any, **_: Any) -> Any:
+        yield from done
         raise KeyboardInterrupt
 
     monkeypatch.setattr(workers, "work_through", interrupted)
     assert cli("calibrate", *jobs_in(fleet)) == 130
-    assert "continue with --resume" in capsys.readouterr().err
+    assert "0 of 4 jobs are done; continue with --resume" in capsys.readouterr().err
     assert not (fleet / "summary.json").exists()
+    done.append((2, Crash("SIGKILL")))
+    assert cli("calibrate", *jobs_in(fleet)) == 130
+    out, err = capsys.readouterr()
+    assert "1 of 4 jobs are done; continue with --resume" in err
+    assert "Interrupted: 3 jobs are not done, and not listed." in out
+    found = json.loads((fleet / "summary.json").read_text())
+    assert [job["name"] for job in found["jobs"]] == ["r3"]
+
+
+def test_a_missing_file_beside_the_jobs_is_refused_before_any_begins(
+    fleet: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(workers, "work_through", pytest.fail)
+    said = refused("plan", *jobs_in(fleet), "--candidates", "nowhere.csv")
+    assert "nowhere.csv: found no such file" in said
+
+
+def test_a_base_that_was_moved_is_the_reason(fleet: Path, in_one_process: None) -> None:
+    samples = fleet / "r1" / "calibration" / "a.csv"
+    head, *rows = samples.read_text().splitlines()
+    moved = [row.rsplit(",", 1) for row in rows[20:]]
+    late = [f"{before},{float(z) + 0.004}" for before, z in moved]
+    samples.write_text("\n".join([head, *rows[:20], *late]) + "\n")
+    (row,) = run_jobs(Calibrate(), jobs_in(fleet)[:1]).results
+    assert (row.verdict, row.reason) == ("bad", row.faults[0])
+    assert any("was moved by 4.0" in note and "a.csv:22" in note for note in row.faults)
+    assert set(row.faults) < set(row.notes)
+
+
+def test_what_names_a_fault_is_said_first_and_alike_together() -> None:
+    untold, moved = "tip.y could not be determined.", "The base was moved by 4.00 mm at a.csv:9."
+    row = CalibratedJob("a", "a.yaml", "a", verdict="care", notes=(untold,))
+    rows = [
+        row,
+        replace(row, name="b"),
+        replace(row, name="c", notes=(untold, moved), faults=(moved,)),
+        replace(row, name="d", verdict="good", notes=("All is well.",)),
+    ]
+    answer = fleet_document(FleetSummary(tuple(rows), 1.0))
+    console = Console(width=100, highlight=False)
+    with console.capture() as shown:
+        console.print(rendered(answer))
+    text = shown.get()
+    assert text.startswith("Take care. 4 jobs: 1 good, 3 with care")
+    assert f"c: {moved} (and 1 more note)" in text
+    assert f"a, b: {untold}" in text
+    assert text.index("c: The base") < text.index("a, b:")
+    found = answer.json()["jobs"]
+    assert [job["note_count"] for job in found] == [1, 1, 2, 1]
+    assert [job["reason"] for job in found] == [untold, untold, moved, ""]
+    assert [job["faults"] for job in found] == [[], [], [moved], []]

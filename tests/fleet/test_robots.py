@@ -70,7 +70,7 @@ def test_each_is_checked_as_by_a_command_of_its_own(robots: Path, capsys: Captur
     assert cli("check", "--fleet", "fleet.csv") == 1
     out, err = capsys.readouterr()
     assert err == ""
-    assert out.startswith("Do not use. 1 of 3 robots changed")
+    assert out.startswith("Look at 1 of 3 robots. 1 of 3 robots changed")
     # What is to be expected by chance, and what makes it as rare for all together.
     said = " ".join(out.split())
     assert "of 3 sound robots 0.03 on average are said to have changed" in said
@@ -275,7 +275,7 @@ def test_who_waits_for_a_process_that_another_ends_is_not_blamed(
     monkeypatch.setattr(following, "seats", places)
     fleet = follow_robots(CheckRobots(history=False), read_robots(Path("fleet.csv")), seconds=0.1)
     assert [(row.rows, row.verdict) for row in fleet.results] == [
-        *((8, "good"), (0, "failed"), (8, "good")),
+        *((8, "good"), (None, "failed"), (8, "good")),
     ]
     assert "ended twice" in fleet.results[1].error
 
