@@ -13,6 +13,7 @@ import hashlib
 import json
 import os
 import shutil
+import stat
 import sys
 import tempfile
 import time
@@ -85,6 +86,22 @@ def refuse_inputs(contents: Mapping[Path, bytes | None]) -> None:
             raise _is_input(path)
 
 
+def _refuse_devices(paths: Iterable[Path]) -> None:
+    """Refuse to replace what is there and is no file: a device, a pipe, a socket.
+
+    Raises:
+        OutputError: one of these paths is such a thing, or a link to it.
+    """
+    for path in paths:
+        with contextlib.suppress(OSError, ValueError):
+            mode = path.stat().st_mode
+            if not stat.S_ISREG(mode) and not stat.S_ISDIR(mode):
+                raise OutputError(
+                    f"{path}: found a device, pipe or socket; expected a regular file or a new "
+                    "name; choose another --out"
+                )
+
+
 def _is_input(path: Path) -> OutputError:
     return OutputError(
         f"{path}: found an input of the same command; expected a file of its own; move it, or "
@@ -129,6 +146,7 @@ def exchange_files(
     """
     files = {folder / name: data for name, data in contents.items()}
     refuse_inputs({**dict.fromkeys(folder / name for name in stale), **files})
+    _refuse_devices(files)
     try:
         _exchange(folder, contents, stale)
     except (OSError, ValueError) as error:

@@ -125,3 +125,24 @@ def test_what_was_read_is_neither_replaced_nor_removed(tmp_path: Path) -> None:
         with only_writer(link):
             exchange_files(tmp_path, {"arm.urdf": b"edited"})
     write_bytes_atomically(path, b"another command")
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="no pipes with names")
+@pytest.mark.parametrize("linked", [False, True])
+def test_what_is_no_regular_file_is_not_replaced(linked: bool, tmp_path: Path) -> None:
+    pipe, link = tmp_path / "pipe", tmp_path / "link"
+    os.mkfifo(pipe)
+    link.symlink_to(pipe)
+    target = link if linked else pipe
+    with pytest.raises(OutputError, match="expected a regular file"):
+        write_bytes_atomically(target, b"a")
+    with pytest.raises(OutputError, match="expected a regular file"):
+        exchange_files(tmp_path, {"a": b"a", target.name: b"b"})
+    assert pipe.is_fifo()
+    assert {path.name for path in tmp_path.iterdir()} == {"pipe", "link"}
+    # A link to a file is as ever.
+    link.unlink()
+    link.symlink_to(tmp_path / "file")
+    (tmp_path / "file").write_bytes(b"b")
+    write_bytes_atomically(link, b"a")
+    assert link.read_bytes() == b"a"
