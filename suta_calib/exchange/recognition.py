@@ -19,6 +19,7 @@ from suta_calib.errors import (
     SutaCalibError,
 )
 from suta_calib.exchange.reader import TABLE, beginning, recognised
+from suta_calib.inputs import read_input
 
 _JOB: Final = (
     *("calibrate", "observe", "study", "extend", "budget", "view", "validate", "outliers"),
@@ -115,7 +116,7 @@ _OWN: Final = (
         ),
         "the answer of a command",
         "suta-calib export {} --list names what can be made of it",
-        ("export", "view", "validate", "track", "tip-map", "residual-map"),
+        ("export", "view", "validate", "track", "tip-map", "residual-map", "certificate"),
     ),
     _Own(_has("landmarks"), "an artefact", _NAMED.format("artefact"), _ROWS, (ArtefactError,)),
     _Own(
@@ -169,6 +170,9 @@ def recognised_format(path: Path) -> FileFormat | None:
     quoted = shlex.quote(str(path))
     with suppress(SutaCalibError, OSError, ValueError):
         head = beginning(path)
+        if head.lstrip().startswith("{") and b'"verdict"' in read_input(path):
+            # Of an answer the verdict is at the end.
+            head = '{"command", "verdict"'
         for form in _OWN:
             if form.begins(head):
                 command = form.command.format(quoted)
