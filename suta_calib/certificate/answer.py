@@ -8,7 +8,8 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, ClassVar, Final, get_args
 
-from suta_calib.certificate.content import CertifiedValue, Content
+from suta_calib.certificate.content import CertifiedValue, Content, Reference
+from suta_calib.certificate.lengths import LengthUncertainty
 from suta_calib.errors import InputError
 from suta_calib.registry import classes_of
 from suta_calib.trust.uncertainty_budget import (
@@ -132,11 +133,18 @@ def factor_of(found: Sequence[UncertaintyBudget]) -> float:
     return coverage_factor(min(freedom, default=math.inf))
 
 
-def judged_budgets(found: Sequence[UncertaintyBudget]) -> dict[str, CertifiedValue]:
-    """The expanded uncertainties, which may be given limits, such as ``U_X_mm`` and ``U_X_deg``."""
+def judged_budgets(
+    found: Sequence[UncertaintyBudget], references: Sequence[Reference]
+) -> dict[str, CertifiedValue]:
+    """The expanded uncertainties, which may be given limits, such as ``U_X_mm`` and ``U_X_deg``.
+
+    Those of lengths rest on the references; turns do not.
+    """
     return {
         key(f"U_{budget.name}".replace(" ", "_"), budget.unit): CertifiedValue(
-            f"U of {budget.of}", budget.expanded, budget.unit
+            *(f"U of {budget.of}", budget.expanded, budget.unit),
+            rests_on=tuple(one.name for one in references) if budget.unit == "m" else (),
+            is_uncertainty=True,
         )
         for budget in found
     }
@@ -146,7 +154,7 @@ def judged_rms(record: Record) -> dict[str, CertifiedValue]:
     """Residuals, which may be given limits; U is how well so many rows tell a root mean square."""
     judged, count = dict[str, CertifiedValue](), max(float(record["counts"]["inliers"]), 1.0)
     kinds: tuple[tuple[str, str, Unit], ...] = (
-        ("rms_mm", "residuals, RMS", "m"),
+        ("rms_mm", "residuals in position, RMS", "m"),
         ("rms_deg", "residuals in angle, RMS", "rad"),
         ("reprojection_rms_px", "reprojection, RMS", "px"),
     )
@@ -154,27 +162,57 @@ def judged_rms(record: Record) -> dict[str, CertifiedValue]:
         # Beside pixels the other residuals are of the poses of single pictures.
         if record.get(told) is not None and (unit == "px") == ("reprojection_rms_px" in record):
             rms = float(stored(float(record[told]), unit))
-            judged[told] = CertifiedValue(words, rms, unit, rms / (2.0 * count) ** 0.5)
+            judged[told] = rms_value(words, rms, unit, count)
     return judged
 
 
-def scale_of(carrier: str, ppm: float | None) -> str:
-    """What a carrier of lengths adds to every U, or that it adds nothing."""
+def rms_value(
+    name: str, rms: float, unit: Unit, count: float, rests_on: tuple[str, ...] = ()
+) -> CertifiedValue:
+    """A root mean square with how well so many numbers tell it."""
+    about = (
+        f"U is 2 RMS/√(2 × {count:.0f}), how well {count:.0f} independent errors tell a root mean "
+        "square; an error that all of them share is not in it"
+    )
+    return CertifiedValue(name, rms, unit, rms / (2.0 * count) ** 0.5, 2.0, about, rests_on)
+
+
+def scale_of(
+    name: str, ppm: float | None, carrier: str = "", what: str = "scale", more: str = ""
+) -> Reference:
+    """A reference of which the scale is in every U, or is not.
+
+    Args:
+        name: of the reference, in a word.
+        ppm: standard uncertainty of its scale; nothing where nobody stated it.
+        carrier: what it is called on paper; its name by default.
+        what: is uncertain.
+        more: said at the end.
+    """
+    carrier = carrier or name
     if not ppm:
-        return not_stated(f"scale of the {carrier}")
-    return f"{carrier}: standard uncertainty of its scale {float(ppm):,.4g} ppm, included in U"
+        return not_stated(name, f"{what} of the {carrier}")
+    return Reference(
+        name,
+        f"{carrier}: standard uncertainty of its {what} {float(ppm):,.4g} ppm, included in U{more}",
+        LengthUncertainty(per_length=1e-6 * float(ppm)),
+    )
 
 
-def not_stated(what: str) -> str:
-    """Of a reference whose uncertainty nobody stated."""
-    return f"{what}: its uncertainty is not stated, and U does not include it"
+def not_stated(name: str, what: str) -> Reference:
+    """A reference whose uncertainty nobody stated."""
+    return Reference(name, f"{what}: its uncertainty is not stated, and U does not include it")
 
 
-def scales(record: Record) -> tuple[str, ...]:
-    """What gave the lengths of a calibration their unit, in words."""
-    words = []
-    for row in record.get("scale") or ():
+def scales(record: Record) -> tuple[Reference, ...]:
+    """What gave the lengths of a calibration their unit."""
+    references, rows = [], record.get("scale") or ()
+    carriers = [str(row["carrier"]) for row in rows]
+    for row in rows:
         name = "" if row.get("name") in (None, "", "default") else f" {row['name']}"
         graded = f", {row['grade']}" if row.get("grade") else ""
-        words.append(scale_of(f"{row['carrier']}{name}{graded}", row["ppm"]))
-    return tuple(words) or (not_stated("scale of all lengths"),)
+        carrier = str(row["carrier"])
+        # A standard is of one of several by its own name.
+        short = carrier if carriers.count(carrier) == 1 else str(row.get("name") or carrier)
+        references.append(scale_of(short, row["ppm"], f"{carrier}{name}{graded}"))
+    return tuple(references) or (not_stated("lengths", "scale of all lengths"),)

@@ -3,18 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Final, Literal
 
+from suta_calib.certificate.lengths import LengthUncertainty
 from suta_calib.display import Displayable
 from suta_calib.trust.uncertainty_budget import UncertaintyBudget
-from suta_calib.units import Unit, text
+from suta_calib.units import Unit, shown, unit_name
+from suta_calib.words import listed
 
 Outcome = Literal["conforms", "does not conform", "no decision"]
+OF_ITSELF: Final = "limit of U itself"
 GUARD_BAND: Final = (
-    "Decision rule: a guard band as wide as U (JCGM 106:2012, 8.3). A value conforms if its size "
-    "and U together keep the limit. It does not conform if its size less U exceeds the limit. "
-    "Between them no decision is made."
+    "Decision rule: a guard band as wide as U (JCGM 106:2012, 8.3; ILAC-G8:09/2019, 4.2.2). It "
+    "conforms if |value| + U ≤ limit. It does not conform if |value| - U > limit. Otherwise, and "
+    "where U is not known or lacks a source, no decision is made. A limit of U itself is compared "
+    "with U."
 )
 
 
@@ -29,6 +33,10 @@ class CertifiedValue(Displayable):
         std: its standard uncertainty; None where the answer states none.
         factor: coverage factor of the expanded uncertainty.
         remark: what a reader must know of this figure.
+        rests_on: names of the references whose uncertainty belongs into U, or into the value where
+            this is an uncertainty.
+        is_uncertainty: whether the value is an expanded uncertainty itself.
+        resolution: an expanded uncertainty to whose last digit a value without its own is shown.
     """
 
     name: str
@@ -37,6 +45,9 @@ class CertifiedValue(Displayable):
     std: float | None = None
     factor: float = 2.0
     remark: str = ""
+    rests_on: tuple[str, ...] = ()
+    is_uncertainty: bool = False
+    resolution: float | None = None
 
     @property
     def expanded(self) -> float | None:
@@ -54,48 +65,84 @@ class ValueTable(Displayable):
 
 
 @dataclass(frozen=True)
+class Reference(Displayable):
+    """What gave lengths their unit.
+
+    Attributes:
+        name: in a word, such as ``artefact``; a standard of the laboratory is ``of`` one.
+        sentence: what of it is in U.
+        included: its standard uncertainty as far as U includes it; None where it does not.
+    """
+
+    name: str
+    sentence: str
+    included: LengthUncertainty | None = None
+
+
+@dataclass(frozen=True)
 class Decision(Displayable):
     """Whether a result keeps within a limit, with a guard band as wide as its uncertainty.
 
     Accepted up to the limit less U, and rejected beyond the limit more U (JCGM 106:2012, 8.3;
-    ISO 14253-1): between them the uncertainty does not allow a decision.
+    ISO 14253-1): between them the uncertainty does not allow a decision. Nor does a U that is
+    unknown, or that lacks a source (ILAC-G8:09/2019). An uncertainty that lacks a source and is
+    beyond its limit all the same does not conform: it can only be larger.
 
     Attributes:
-        name: of the result.
-        value: of it, SI; its size counts.
-        expanded: its expanded uncertainty U; 0 for a limit on an uncertainty itself.
-        limit: that was asked for.
-        unit: of them.
+        quantity: the result; its size counts.
+        limit: that was asked for, SI.
         outcome: of the comparison.
-        factor: coverage factor of U.
+        because: why there is no decision, or what was compared; may be empty.
+        about: where U is from, in a sentence without its stop, where the results do not say it.
     """
 
-    name: str
-    value: float
-    expanded: float
+    quantity: CertifiedValue
     limit: float
-    unit: Unit
     outcome: Outcome
-    factor: float = 2.0
+    because: str = ""
+    about: str = ""
 
     @property
     def limit_text(self) -> str:
         """The limit as a reader sees it."""
-        return text(self.limit, self.unit, with_unit=True)
+        return f"{shown(self.limit, self.quantity.unit):.4g} {unit_name(self.quantity.unit)}"
+
+    @property
+    def words(self) -> str:
+        """The outcome as a reader sees it."""
+        return f"{self.outcome}: {self.because}" if self.because else self.outcome
 
     @classmethod
     def of(cls, quantity: CertifiedValue, limit: float) -> Decision:
-        """By the rule of this class."""
-        guard, size = quantity.expanded or 0.0, abs(quantity.value)
-        outcome: Outcome = "no decision"
-        if size + guard <= limit:
-            outcome = "conforms"
-        elif size - guard > limit:
-            outcome = "does not conform"
-        return cls(
-            *(quantity.name, quantity.value, guard, limit, quantity.unit, outcome),
-            quantity.factor,
-        )
+        """By the rule of this class, as if U lacked nothing that is known."""
+        if quantity.is_uncertainty:
+            kept = abs(quantity.value) <= limit
+            outcome: Outcome = "conforms" if kept else "does not conform"
+            return cls(quantity, limit, outcome, OF_ITSELF)
+        size, guard = abs(quantity.value), quantity.expanded
+        if guard is not None and size + guard <= limit:
+            return cls(quantity, limit, "conforms")
+        if guard is not None and size - guard > limit:
+            return cls(quantity, limit, "does not conform")
+        return cls(quantity, limit, "no decision").known()
+
+    def known(self) -> Decision:
+        """This decision; none where U is unknown."""
+        if self.quantity.expanded is None and not self.quantity.is_uncertainty:
+            return replace(self, outcome="no decision", because="U unknown")
+        return self
+
+    def without(self, lacking: Mapping[str, str]) -> Decision:
+        """This decision; none where U lacks what belongs into it.
+
+        Args:
+            lacking: what U lacks, in words, by the name of the reference.
+        """
+        words = [lacking[name] for name in self.quantity.rests_on if name in lacking]
+        surely = self.quantity.is_uncertainty and self.outcome == "does not conform"
+        if not words or surely or self.because == "U unknown":
+            return self
+        return replace(self, outcome="no decision", because=f"U lacks {listed(words)}")
 
 
 @dataclass(frozen=True)
@@ -112,7 +159,7 @@ class Content(Displayable):
         judged: results that may be given a limit, by the key of the limit.
         decisions: that the answer took itself.
         rule: of the decisions, in sentences.
-        standards: what gave the lengths their unit, with its standard uncertainty, or that this is
+        references: what gave the lengths their unit, with its standard uncertainty, or that this is
             stated nowhere and in no U.
         notes: what must be known before the figures are used.
     """
@@ -126,5 +173,5 @@ class Content(Displayable):
     judged: Mapping[str, CertifiedValue] = field(default_factory=dict)
     decisions: tuple[Decision, ...] = ()
     rule: str = GUARD_BAND
-    standards: tuple[str, ...] = ()
+    references: tuple[Reference, ...] = ()
     notes: tuple[str, ...] = ()

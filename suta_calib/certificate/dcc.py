@@ -9,7 +9,6 @@ is in ``comment``: budgets, notes, and the SHA-256 of files.
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Iterator, Mapping
 from typing import Any, Final
 
@@ -37,13 +36,12 @@ UNITS: Final[dict[Unit, str]] = {
 }
 # The schema has no word for a limit that the uncertainty allows no decision on.
 CONFORMITY: Final[dict[Outcome, str]] = {"conforms": "pass", "does not conform": "fail"}
-DAY: Final = re.compile(r"\b\d{4}-\d{2}-\d{2}\b")
 
 
 def dcc_record(certificate: Certificate) -> Json:
     """The certificate as JSON, with numbers in mm and degrees as on paper."""
     content, details = certificate.content, certificate.details
-    days = DAY.findall(details.measured_on) or [None]
+    days = details.measured_on.split(" to ") if details.measured_on else [None]
     software = {**certificate.versions, "suta_calib": own_version()}
     persons = (("measured", details.operator), ("approved", details.approved_by))
     return {
@@ -59,10 +57,11 @@ def dcc_record(certificate: Certificate) -> Json:
                 "usedLangCodeISO639_1": ["en"],
                 "mandatoryLangCodeISO639_1": ["en"],
                 "uniqueIdentifier": certificate.number,
+                **_given(receiptDate=details.received_on),
                 "beginPerformanceDate": days[0],
                 "endPerformanceDate": days[-1],
                 "performanceLocation": None,
-                **_given(issueDate=next(iter(DAY.findall(details.date)), None)),
+                **_given(issueDate=details.issued_on),
             },
             "items": {"item": [_item(details.item)]},
             "calibrationLaboratory": {
@@ -107,12 +106,15 @@ def dcc_record(certificate: Certificate) -> Json:
         },
         "comment": {
             "measuredOn": details.measured_on or None,
-            "issuedOn": details.date or None,
-            "referencesOfScale": list(content.standards),
+            "issuedOn": details.issued_on or None,
+            "referencesOfScale": [
+                *(one.sentence for one in content.references),
+                *certificate.standards_not_included,
+            ],
             "budgets": [_budget(budget) for budget in content.budgets],
             "validation": dict(content.checked),
             "verdict": certificate.verdict,
-            "notes": list(content.notes),
+            "notes": list(certificate.notes),
             "result": certificate.result.name,
             "sha256": certificate.digest,
             "run": certificate.run or None,
@@ -162,7 +164,8 @@ def _equipment(standard: Standard) -> Json:
     stated = (
         ("certificate", standard.certificate),
         ("issued by", standard.issued_by),
-        ("uncertainty", standard.uncertainty or "not stated"),
+        ("of", standard.of),
+        ("uncertainty", standard.uncertainty.text if standard.uncertainty else "not stated"),
     )
     words = "; ".join(f"{what}: {said}" for what, said in stated if said)
     return {
@@ -237,16 +240,11 @@ def _budget(budget: UncertaintyBudget) -> Mapping[str, Any]:
 
 
 def _statement(decision: Decision, rule: str) -> Json:
-    limit = CertifiedValue("limit", decision.limit, decision.unit)
-    value = CertifiedValue(
-        *(decision.name, decision.value, decision.unit),
-        decision.expanded / decision.factor or None,
-        decision.factor,
-    )
+    limit = CertifiedValue("limit", decision.limit, decision.quantity.unit)
     return {
-        "name": _text(f"conformity of {decision.name} with a limit"),
+        "name": _text(f"conformity of {decision.quantity.name} with a limit"),
         "description": _text(rule),
-        "declaration": _text(decision.outcome),
+        "declaration": _text(decision.words),
         **_given(conformity=CONFORMITY.get(decision.outcome)),
-        "data": {"quantity": [_quantity(value), _quantity(limit)]},
+        "data": {"quantity": [_quantity(decision.quantity), _quantity(limit)]},
     }

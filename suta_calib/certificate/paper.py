@@ -15,12 +15,12 @@ from fpdf.enums import XPos, YPos
 from fpdf.fonts import FontFace, TTFFont
 
 from suta_calib.certificate.content import CertifiedValue, Decision, ValueTable
-from suta_calib.certificate.details import Party
+from suta_calib.certificate.details import Party, Standard
 from suta_calib.certificate.issued import Certificate
 from suta_calib.errors import InputError
 from suta_calib.measurements.files import read_bytes
 from suta_calib.trust.uncertainty_budget import UncertaintyBudget
-from suta_calib.units import NOTHING, rounded_text, shown, std_text, unit_name
+from suta_calib.units import NOTHING, rounded_text, std_text, unit_name
 
 Paper = Literal["a4", "letter"]
 MARGIN: Final = 20.0
@@ -168,15 +168,15 @@ class _Sheet(FPDF):
             self._group(group)
         self._paragraph(
             "U is the expanded uncertainty: the standard uncertainty times the coverage factor k, "
-            "for a coverage of about 95 %. A dash under U: it is not stated for this figure."
+            "for a coverage of 95.45 %. A dash under U: it is not known for this figure."
         )
         for budget in content.budgets:
             self._budget(budget)
         if any(part.student for budget in content.budgets for part in budget.contributions):
             self._paragraph(
-                "Type A uncertainties of few degrees of freedom ν are those of Student's "
-                "distribution, √(ν/(ν - 2)) times what scatters (JCGM 101:2008, 6.4.9.4): twice "
-                "them covers 95 %."
+                "* These standard uncertainties are √(ν/(ν - 2)) times what scatters, because few "
+                "measurements tell the scatter (ν degrees of freedom; JCGM 101:2008, 6.4.9.4). "
+                "Therefore k needs no more allowance for ν: k = 2 covers 95.45 %."
             )
         if content.checked:
             self._heading("Validation")
@@ -184,7 +184,7 @@ class _Sheet(FPDF):
         self._conformity(certificate.decisions)
         self._heading("Notes")
         self._paragraph(f"The software's verdict on the answer: {certificate.verdict}.")
-        for note in content.notes:
+        for note in certificate.notes:
             self._paragraph(f"• {note}")
         self._origin()
         self._signatures()
@@ -219,8 +219,9 @@ class _Sheet(FPDF):
                 ("laboratory", _party(details.laboratory)),
                 ("customer", _party(details.customer)),
                 ("item", described or BLANK),
+                *([("received on", details.received_on)] if details.received_on else []),
                 ("measured on", details.measured_on or BLANK),
-                ("issued on", details.date or BLANK),
+                ("issued on", details.issued_on or BLANK),
             ),
             (1, 4),
         )
@@ -245,15 +246,12 @@ class _Sheet(FPDF):
         self._heading("Reference standards and traceability")
         if details.standards:
             self._table(
-                ("standard", "serial", "certificate", "issued by", "its uncertainty"),
+                ("standard", "of", "serial", "certificate", "issued by", "its uncertainty"),
                 [
-                    tuple(
-                        said or NOTHING
-                        for said in (s.name, s.serial, s.certificate, s.issued_by, s.uncertainty)
-                    )
-                    for s in details.standards
+                    tuple(said or NOTHING for said in _standard(standard))
+                    for standard in details.standards
                 ],
-                (3, 2, 3, 2, 3),
+                (3, 2, 2, 3, 2, 3),
             )
             self._paragraph(
                 "Chain: the results rest on the lengths of these standards, and these on the SI by "
@@ -266,8 +264,10 @@ class _Sheet(FPDF):
                 "No reference standard with a certificate is named: no metrological traceability "
                 "is claimed."
             )
-        for sentence in content.standards:
-            self._paragraph(f"• {sentence}.")
+        for reference in content.references:
+            self._paragraph(f"• {reference.sentence}.")
+        for sentence in self._certificate.standards_not_included:
+            self._paragraph(f"• {sentence}")
 
     def _group(self, group: ValueTable) -> None:
         self._heading(group.title, small=True, rows=_lines(group))
@@ -289,7 +289,7 @@ class _Sheet(FPDF):
                 part.evaluation,
                 std_text(part.std, unit, with_unit=False),
                 # Beyond it a coverage factor is that of infinitely many.
-                f"{part.freedom:.0f}" if part.freedom < 1e4 else "∞",
+                (f"{part.freedom:.0f}" if part.freedom < 1e4 else "∞") + "*" * part.student,
             )
             for part in (*budget.contributions, budget.combined)
         ]
@@ -312,18 +312,19 @@ class _Sheet(FPDF):
             ("quantity", "value", "U", "limit", "unit", "decision"),
             [
                 (
-                    d.name,
-                    rounded_text(d.value, d.expanded, d.unit),
-                    std_text(d.expanded, d.unit, with_unit=False) if d.expanded else NOTHING,
-                    f"{shown(d.limit, d.unit):g}",
-                    unit_name(d.unit),
-                    d.outcome,
+                    d.quantity.name,
+                    _measured(d.quantity)[1],
+                    _measured(d.quantity)[2],
+                    *d.limit_text.rsplit(" ", 1),
+                    d.words,
                 )
                 for d in decisions
             ],
-            (5, 2, 2, 2, 1, 3),
+            (5, 2, 2, 2, 1, 5),
             numbers={1, 2, 3},
         )
+        for words in dict.fromkeys(d.about for d in decisions if d.about):
+            self._paragraph(f"• {words}.")
         self._paragraph(self._certificate.content.rule)
 
     def _origin(self) -> None:
@@ -344,8 +345,8 @@ class _Sheet(FPDF):
         self._table(
             ("", "name", "date", "signature"),
             [
-                ("measured", details.operator, "", ""),
-                ("approved", details.approved_by, details.date, ""),
+                ("measured", details.operator, details.measured_on.split(" to ")[-1], ""),
+                ("approved", details.approved_by, details.issued_on, ""),
             ],
             (2, 4, 2, 5),
             height=8,
@@ -420,10 +421,17 @@ def _party(party: Party | None) -> str:
     return ", ".join(filter(None, (party.name, party.address, party.accreditation)))
 
 
+def _standard(one: Standard) -> tuple[str, ...]:
+    stated = one.uncertainty.text if one.uncertainty else ""
+    return one.name, one.of, one.serial, one.certificate, one.issued_by, stated
+
+
 def _measured(one: CertifiedValue) -> tuple[str, str, str, str, str]:
     """Name, value, U, k and unit; to the last of two digits of U (JCGM 100:2008, 7.2.6)."""
     unit, spread = one.unit, one.expanded or 0.0
-    value = rounded_text(one.value, spread, unit)
+    value = rounded_text(one.value, spread or one.resolution or 0.0, unit)
+    if one.is_uncertainty:
+        value = std_text(one.value, unit, with_unit=False)
     if not spread:
         return one.name, value, NOTHING, NOTHING, unit_name(unit)
     return (

@@ -11,7 +11,7 @@ from suta_calib.certificate.answer import Record, quantities
 from suta_calib.certificate.content import CertifiedValue, ValueTable
 from suta_calib.geometry.lens import CENTRE, FOCAL
 from suta_calib.geometry.numbers import rpy_from_rotation
-from suta_calib.units import deg, mm, stored, text
+from suta_calib.units import deg, mm, std_text, stored
 
 AXES = ("x", "y", "z")
 
@@ -80,6 +80,7 @@ def pose_quantities(
     for name, axis, angle, std in zip(
         ("roll", "pitch", "yaw"), AXES, rpy, rotation_std, strict=True
     ):
-        spread = text(factor * float(stored(float(std), "rad")), "rad", with_unit=True)
-        remark = f"U of a turn about its {axis} axis: {spread}"
-        yield CertifiedValue(name, float(stored(float(angle), "rad")), "rad", remark=remark)
+        spread = factor * float(stored(float(std), "rad"))
+        remark = f"U of a turn about its {axis} axis: {std_text(spread, 'rad')}"
+        value = float(stored(float(angle), "rad"))
+        yield CertifiedValue(name, value, "rad", remark=remark, resolution=spread)

@@ -53,10 +53,10 @@ def certificate(
     if result is None or file is None:
         missing = "RESULT" if result is None else "--out"
         raise click.UsageError(f"found no {missing}; expected RESULT --out certificate.pdf")
+    if file.suffix.lower() != ".pdf":
+        raise click.UsageError(f"found --out {file}; expected a name that ends in .pdf")
     issued = certificate_of(result, None if details is None else read_details(details))
     beside = file.with_suffix(".json")
-    if beside == file:
-        raise click.UsageError(f"found --out {file}; expected a name that ends in .pdf")
     check_outputs([file, beside], [issued.result, details, font])
     record = dcc_record(issued)
     contents = {beside.name: json_bytes(record), file.name: pdf_bytes(issued, paper, font)}

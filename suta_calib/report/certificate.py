@@ -15,11 +15,12 @@ from suta_calib.report.listing import Column, Listing
 NAME: Final = "certificate"
 DECISIONS: Final = Listing[Decision](
     "Conformity",
-    Column("name", "quantity"),
-    Column("value", "value", unit=lambda row: row.unit),
-    Column("expanded", "U", unit=lambda row: row.unit),
-    Column("limit", "limit", unit=lambda row: row.unit),
-    Column("outcome", "decision"),
+    Column("name", "quantity", lambda row: row.quantity.name),
+    Column("value", "value", lambda row: row.quantity.value, lambda row: row.quantity.unit),
+    Column("expanded", "U", lambda row: row.quantity.expanded, lambda row: row.quantity.unit),
+    Column("limit", "limit", unit=lambda row: row.quantity.unit),
+    Column("outcome", "decision", cell=lambda row: row.words),
+    Column("because", None),
     key="decisions",
 )
 

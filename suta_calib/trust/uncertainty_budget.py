@@ -116,10 +116,16 @@ class UncertaintyBudget(Displayable):
 
     @property
     def combined(self) -> Contribution:
-        """All contributions together."""
+        """All contributions together, with their effective degrees of freedom.
+
+        Those count here that a standard uncertainty allows for already, too.
+        """
         types = {part.evaluation for part in self.contributions}
         kind: Evaluation = types.pop() if len(types) == 1 else "A, B"
-        return Contribution("combined", kind, self.std, self.freedom)
+        told = sum(part.std**4 / part.freedom for part in self.contributions)
+        freedom = self.std**4 / told if told else math.inf
+        student = any(part.student for part in self.contributions)
+        return Contribution("combined", kind, self.std, freedom, student)
 
     @property
     def factor(self) -> float:

@@ -31,8 +31,11 @@ from suta_calib.certificate import (
 )
 from suta_calib.certificate.answer import known_answers
 from suta_calib.certificate.details import EXAMPLE, details_to_fill_in
+from suta_calib.certificate.issued import RECORDS, facts_of
+from suta_calib.certificate.lengths import LengthUncertainty, stated_uncertainty
 from suta_calib.errors import InputError, UnusableResultError
 from suta_calib.geometry.numbers import rpy_from_rotation
+from suta_calib.trust.uncertainty_budget import COVERAGE
 
 # What each command is given, and the JSON that it writes.
 COMMANDS = {
@@ -120,7 +123,8 @@ def figures_elsewhere(certificate: Certificate, words: str, answer: Any) -> list
     found = np.unique(np.outer([*factors, *(2.0 * f for f in factors)], known))
     budgeted = certificate.content.budgets
     derived = [1e3 * b.freedom for b in budgeted] + [b.freedom for b in budgeted]
-    derived += [b.factor for b in budgeted] + [*factors]
+    derived += [b.combined.freedom for b in budgeted]
+    derived += [b.factor for b in budgeted] + [*factors, 100.0 * COVERAGE]
     for one in certificate.content.judged.values():
         derived += [per * (one.expanded or 0.0) for per in (1.0, 1e3, math.degrees(1.0))]
     found = np.concatenate([found, np.array(derived)])
@@ -154,9 +158,9 @@ def test_paper_and_json_say_what_the_answer_says(
     (said,) = record["measurementResults"]["measurementResult"]
     assert len(said["results"]["result"]) == len(certificate.content.groups)
     # Of every reference the uncertainty is stated, or that it is stated nowhere.
-    assert certificate.content.standards
-    for sentence in certificate.content.standards:
-        assert " ".join(sentence.split()) in " ".join(words.split())
+    assert certificate.content.references
+    for reference in certificate.content.references:
+        assert " ".join(reference.sentence.split()) in " ".join(words.split())
     # Every figure of the results is in the answer's own JSON.
     answer = json.loads((certificate.result).read_text(encoding="utf-8"))
     assert figures_elsewhere(certificate, words, answer) == []
@@ -190,6 +194,11 @@ def test_the_figures_of_a_calibration_are_those_of_its_result(
     assert math.sqrt(squares) == pytest.approx(budget["std_mm"])
     rms = result["metrics"]["validation"]["after"]["rms_mm"]
     assert certificate.content.judged["validation_rms_mm"].value * 1e3 == pytest.approx(rms)
+    count = result["metrics"]["validation"]["after"]["count"]
+    freedom = min(part["freedom"] or math.inf for part in budget["contributions"])
+    std = certificate.content.judged["validation_rms_mm"].std
+    assert std is not None
+    assert std * 1e3 == pytest.approx(rms / math.sqrt(2.0 * min(count, freedom)))
     words = paper_of(pdf_bytes(certificate))
     assert f"{rms:.3f} mm" in words
 
@@ -237,7 +246,7 @@ def test_fonts_are_embedded_and_the_same_answer_is_the_same_file(
 def test_details_are_on_the_paper(answers: Callable[[str], Path], details: Path) -> None:
     certificate = certificate_of(answers("pivot"), read_details(details))
     words = " ".join(paper_of(pdf_bytes(certificate)).split())
-    for part in ("2026-001", "measuring arm", "serial 0001", "19.8 to 20.4 °C", "2 um (k = 2)"):
+    for part in ("2026-001", "measuring arm", "serial 0001", "19.8 to 20.4 °C", "received on"):
         assert part in words
     assert certificate.missing == ()
     assert certificate.assessment.level == "good"
@@ -278,6 +287,131 @@ def test_a_guard_band_accepts_and_rejects_only_beyond_the_uncertainty(
     assert decided.outcome == ("does not conform" if surely_outside else expected)
 
 
+def test_an_unknown_u_is_no_zero_and_decides_nothing(
+    answers: Callable[[str], Path], tmp_path: Path
+) -> None:
+    out = tmp_path / "c.pdf"
+    words = ("certificate", answers("iso10360"), "--out", out)
+    decided = {row["name"]: row for row in answer(*words)["decisions"]}
+    assert decided["repeatability"]["outcome"] == "no decision"
+    assert decided["repeatability"]["expanded_mm"] is None
+    assert decided["E_Uni"]["outcome"] == "conforms"
+    assert re.search(r"repeatability +0\.061 +– +0\.100 +no decision: U unknown", printed(*words))
+    assert "0.061 – 0.1 mm no decision: U unknown" in " ".join(paper_of(out.read_bytes()).split())
+    # Whatever its size, a value without U is not decided on; U itself is.
+    for value in (0.0, 1.0):
+        assert Decision.of(CertifiedValue("q", value, "m"), 0.5).words == "no decision: U unknown"
+        of_itself = Decision.of(CertifiedValue("U", value, "m", is_uncertainty=True), 0.5)
+        assert of_itself.outcome == ("does not conform" if value else "conforms")
+        assert of_itself.because == "limit of U itself"
+
+
+def test_a_u_that_lacks_a_source_is_not_decided_on(
+    answers: Callable[[str], Path], tmp_path: Path
+) -> None:
+    record = json.loads((answers("hand-eye") / "result.json").read_text(encoding="utf-8"))
+    path, file = tmp_path / "d.yaml", tmp_path / "result.json"
+    del record["run"]
+    outcomes = []
+    for ppm, limit in ((20.0, 10.0), (None, 10.0), (None, 1e-6)):
+        path.write_text(f"limits: {{U_X_mm: {limit}, U_X_deg: 10, rms_mm: 100}}\n", "utf-8")
+        file.write_text(json.dumps(record | {"scale_ppm": ppm}), encoding="utf-8")
+        certificate = certificate_of(tmp_path, read_details(path))
+        outcomes.append([decision.words for decision in certificate.decisions])
+    itself, lacks = (
+        "conforms: limit of U itself",
+        "no decision: U lacks the uncertainty of the target",
+    )
+    assert outcomes[:2] == [[itself, itself, "conforms"], [lacks, itself, "conforms"]]
+    # What is missing makes U only larger.
+    assert outcomes[2][0] == "does not conform: limit of U itself"
+
+
+@pytest.mark.parametrize(
+    ("stated", "said", "decided"),
+    [
+        ("10 um/m (k = 2)", "", "conforms: limit of U itself"),
+        ("20 ppm", "", "conforms: limit of U itself"),
+        ("2 um + 3 um/m (k = 2)", "for lengths above 54 mm only", "conforms: limit of U itself"),
+        (
+            "0.1 mm",
+            "for lengths above 5,000 mm only",
+            "no decision: U lacks the uncertainty of the standard ball bar",
+        ),
+        (
+            "21 um/m",
+            "with a smaller one",
+            "no decision: U lacks the uncertainty of the standard ball bar",
+        ),
+        (
+            "15 µm + 60 µm/m (k=2)",
+            "with a smaller one",
+            "no decision: U lacks the uncertainty of the standard",
+        ),
+    ],
+)
+def test_a_standard_s_uncertainty_is_compared_with_u(
+    stated: str, said: str, decided: str, answers: Callable[[str], Path], tmp_path: Path
+) -> None:
+    path = tmp_path / "d.yaml"
+    for of in ("", "of: tracker, "):
+        path.write_text(
+            f"standards: [{{name: ball bar, {of}uncertainty: {stated}}},\n"
+            "  {name: thermometer, uncertainty: 0.1 K (k = 2)}]\nlimits: {U_tip_mm: 100}\n",
+            encoding="utf-8",
+        )
+        certificate = certificate_of(answers("pivot"), read_details(path))
+        words = " ".join(paper_of(pdf_bytes(certificate)).split())
+        assert certificate.decisions[0].words.startswith(decided)
+        assert said in words
+        assert ("U does not include the uncertainty of the standard ball bar" in words) == (
+            "smaller" in said
+        )
+        assert bool(certificate.standards_not_included) == bool(said)
+
+
+@given(st.floats(0.1, 1e3), st.floats(0.1, 1e3), st.floats(1, 5), st.floats(0.01, 10))
+def test_a_stated_uncertainty_is_what_it_says(a: float, b: float, k: float, length: float) -> None:
+    read = stated_uncertainty(f"{a:.3f} um + {b:.3f} um/m (k = {k:.2f})").std
+    assert read is not None
+    expected = 1e-6 * (round(a, 3) + round(b, 3) * length) / round(k, 2)
+    assert read.constant + read.per_length * length == pytest.approx(expected)
+    # Where one is no more than another, by their values.
+    other = LengthUncertainty(5e-6, 50e-6)
+    least, most = read.lengths_within(other)
+    within = read.constant + read.per_length * length <= 5e-6 + 50e-6 * length
+    if min(abs(length - least), abs(length - most)) > 1e-9 or math.isnan(least):
+        assert within == (least <= length <= most)
+
+
+def test_advice_is_for_the_console_alone(answers: Callable[[str], Path]) -> None:
+    note = (
+        "tip.y keeps its URDF value. If that is wrong by 1 mm, so is the tip. To determine more: "
+        "touch one point. ± includes 20 ppm (--scale-ppm). Run suta-calib extend: it helps. "
+        "Estimate these dimensions (select: geometric, with prior_mm and prior_deg)."
+    )
+    assert facts_of(note) == (
+        "tip.y keeps its URDF value. If that is wrong by 1 mm, so is the tip. ± includes 20 ppm."
+    )
+    certificate = certificate_of(answers("pivot"))
+    assert "--scale-ppm" in " ".join(certificate.content.notes)
+    assert "--scale-ppm" not in paper_of(pdf_bytes(certificate))
+    assert certificate.content.notes[0].split(" (--")[0] in certificate.notes[0]
+
+
+def test_the_combined_row_has_its_degrees_of_freedom(answers: Callable[[str], Path]) -> None:
+    certificate = certificate_of(answers("register"))
+    budget = certificate.content.budgets[0]
+    scatter = budget.contributions[0]
+    assert scatter.student
+    assert budget.factor == 2.0
+    expected = budget.std**4 / (scatter.std**4 / scatter.freedom)
+    assert budget.combined.freedom == pytest.approx(expected)
+    words = " ".join(paper_of(pdf_bytes(certificate)).split())
+    assert f" {scatter.freedom:.0f}* " in words
+    assert f" {expected:.0f}* " in words
+
+
 def test_a_standard_without_its_uncertainty_is_named(
     answers: Callable[[str], Path], tmp_path: Path
 ) -> None:
@@ -301,8 +435,10 @@ def test_a_rule_without_a_guard_band_is_stated(
     assert "a guard band as wide as U" not in words
     record["characteristics"][0]["expanded_uncertainty_mm"] = None
     (tmp_path / "iso10360.json").write_text(json.dumps(record), encoding="utf-8")
-    standards = " ".join(certificate_of(tmp_path).content.standards)
+    certificate = certificate_of(tmp_path)
+    standards = " ".join(one.sentence for one in certificate.content.references)
     assert "its uncertainty is not stated, and U does not include it" in standards
+    assert certificate.decisions[0].words == "no decision: U unknown"
 
 
 @pytest.mark.parametrize(
@@ -316,6 +452,22 @@ def test_a_rule_without_a_guard_band_is_stated(
         ("environment: {temperature_c: [21, 20]}\n", "smaller number first"),
         ("environment: {temperature_c: [20]}\n", "2 numbers"),
         ("standards: [{serial: a}]\n", "name"),
+        ("standards:\n  - name: a\n    uncertainty: 15 bananas\n", "d.yaml:3"),
+        ("standards: [{name: a, uncertainty: 15}]\n", "put it in quotes"),
+        ("standards: [{name: a, uncertainty: -2 um}]\n", "2 um (k = 2)"),
+        ("standards: [{name: a, uncertainty: 2 um (k = 0)}]\n", "k from 1 to 20"),
+        ("standards: [{name: a, uncertainty: 2 um + 1 K}]\n", "15 um + 6 um/m (k = 2)"),
+        ("standards:\n  - name: a\n    of: moon\n", "d.yaml:3"),
+        ("standards: [{name: a, of: moon}]\n", "one of artefact"),
+        ("standards: [{name: a, of: artefact, uncertainty: 1 K}]\n", "which is no length"),
+        ('number: "1"\ndate: "2027-13-45"\n', "d.yaml:2"),
+        ('date: "in winter"\n', "a day such as 2026-11-27"),
+        ('date: "2026-11-26 to 2026-11-27"\n', "a day such as"),
+        ("measured_on: 2026-11-27 to 2026-11-26\n", "the earlier day first"),
+        ('measured_on: "2026-11-27"\ndate: "2026-11-26"\n', "no day before 2026-11-27"),
+        ('measured_on: "2026-11-27"\nreceived_on: "2026-11-28"\n', "no day before 2026-11-28"),
+        ("environment: {temperature_c: [293, 293.5]}\n", "-50 to 80 °C"),
+        ("environment:\n  humidity_pct: [40, 140]\n", "d.yaml:2"),
         ("", "empty"),
         ("number: [\n", "YAML"),
     ],
@@ -366,8 +518,22 @@ def test_an_answer_that_was_changed_or_must_not_be_used_gets_none(
         certificate_of(folder)
 
 
+@pytest.mark.parametrize("command", ["hand-eye", "register", "iso10360", "pivot"])
+def test_an_answer_that_was_edited_is_taken_for_nothing_else(
+    command: str, answers: Callable[[str], Path], tmp_path: Path
+) -> None:
+    folder = tmp_path / "copy"
+    shutil.copytree(answers(command), folder)
+    (file,) = (folder / name for name in RECORDS if (folder / name).is_file())
+    record = json.loads(file.read_text(encoding="utf-8"))
+    file.write_text(json.dumps(record | {"more": 1}, indent=1), encoding="utf-8")
+    error = refused("certificate", folder, "--out", tmp_path / "c.pdf")
+    assert "changed since it was written" in error
+    assert "looks like" not in error
+
+
 def test_the_paper_needs_a_name_of_its_own(answers: Callable[[str], Path], tmp_path: Path) -> None:
-    for out in (tmp_path / "c.json", tmp_path / "none" / "c.pdf"):
+    for out in (tmp_path / "c.json", tmp_path / "c.txt", tmp_path / "none" / "c.pdf"):
         assert cli("certificate", answers("pivot"), "--out", out) == 2
     assert cli("certificate", answers("pivot")) == 2
     assert cli("certificate", "--out", tmp_path / "c.pdf") == 2

@@ -140,13 +140,15 @@ def test_what_the_schema_does_not_have_is_found(answered: Path) -> None:
 
 def test_days_are_dates_and_a_period_has_two(answered: Path, tmp_path: Path) -> None:
     details = tmp_path / "d.yaml"
-    details.write_text('measured_on: "2026-11-26 to 2026-11-27"\ndate: "in winter"\n', "utf-8")
+    details.write_text(
+        'measured_on: 2026-11-26 to 2026-11-27\nreceived_on: "2026-11-20"\n', "utf-8"
+    )
     record = dcc_record(certificate_of(answered, read_details(details)))
     core = record["administrativeData"]["coreData"]
     assert core["beginPerformanceDate"] == "2026-11-26"
     assert core["endPerformanceDate"] == "2026-11-27"
+    assert core["receiptDate"] == "2026-11-20"
     assert "issueDate" not in core
-    assert record["comment"]["issuedOn"] == "in winter"
 
 
 def test_every_unit_has_one_of_the_d_si() -> None:

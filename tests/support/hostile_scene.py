@@ -79,6 +79,7 @@ class Given:
         out: the option that says where it writes, and whether that is a file; empty for none.
         needs_device: whether it cannot end well without a device.
         welcome: what is malformed to others and not to it, such as another encoding.
+        ending: that the name of the file it writes must have.
     """
 
     arguments: tuple[str, ...]
@@ -87,6 +88,7 @@ class Given:
     out_is_file: bool = False
     needs_device: bool = False
     welcome: tuple[str, ...] = ()
+    ending: str = ""
 
 
 _OF_JOB = (JOB, URDF, SAMPLES, "validation/a.csv")
@@ -185,7 +187,9 @@ GIVEN = {
         out_is_file=True,
     ),
     "certificate": Given(
-        ("calibrated/result.json",), ("calibrated/result.json",), "--out", out_is_file=True
+        *(("calibrated/result.json",), ("calibrated/result.json",), "--out"),
+        out_is_file=True,
+        ending=".pdf",
     ),
     "iso10360": Given(("iso.yaml",), ("iso.yaml", URDF, "visits.csv"), "--out"),
 }
@@ -259,5 +263,5 @@ def command_line(command: str, folder: Path, out: Path | None = None) -> list[st
         for word in given.arguments
     ]
     if out is not None and given.out:
-        words = [*words, given.out, str(out)]
+        words = [*words, given.out, f"{out}{given.ending}"]
     return [command, *words]

@@ -5,7 +5,15 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping
 
-from suta_calib.certificate.answer import CertifiedAnswer, Record, budgets, factor_of, scales, si
+from suta_calib.certificate.answer import (
+    CertifiedAnswer,
+    Record,
+    budgets,
+    factor_of,
+    rms_value,
+    scales,
+    si,
+)
 from suta_calib.certificate.content import CertifiedValue, Content, ValueTable
 from suta_calib.certificate.poses import pose_quantities
 from suta_calib.units import Unit, key, text
@@ -30,11 +38,16 @@ class CalibrationOfArm(CertifiedAnswer):
             for name, entry in estimated.items()
             if not name.startswith(posed)
         )
-        judged = dict(_judged(record))
+        references = scales(record)
+        # Pairs share touches, and corners a picture: rows tell no more than the scatter of the fit.
+        freedom = min((p.freedom for b in found for p in b.contributions), default=math.inf)
+        judged = dict(_judged(record, tuple(one.name for one in references), freedom))
         if found:
             tip = found[0].expanded
             judged[key("tip", found[0].unit)] = CertifiedValue(
-                "expanded uncertainty of the tip", tip, found[0].unit
+                *("U of the tip, from the calibration alone", tip, found[0].unit),
+                rests_on=tuple(one.name for one in references),
+                is_uncertainty=True,
             )
         kinds = sorted({row["kind"] for row in record["noise"]})
         starts = len(record["solver"]["starts"])
@@ -65,8 +78,19 @@ class CalibrationOfArm(CertifiedAnswer):
             budgets=found,
             checked=tuple(_validation(record)),
             judged=judged,
-            standards=scales(record),
-            notes=tuple(record["verdict"]["notes"]),
+            references=references,
+            notes=tuple(_notes(record)),
+        )
+
+
+def _notes(record: Record) -> Iterator[str]:
+    notes = record["verdict"]["notes"]
+    yield from notes
+    if any("rows left out of the fit falls" in note for note in notes):
+        yield (
+            "Errors of rows left out that these notes compare are robust: no outlier counts beyond "
+            "its Huber threshold. They are less than the figures under Validation, where outliers "
+            "count in full."
         )
 
 
@@ -92,9 +116,10 @@ def _parameter(name: str, entry: Record, factor: float) -> CertifiedValue:
 def _tip_group(record: Record) -> Iterator[ValueTable]:
     for budget in budgets(record):
         about = (
-            "From the calibration alone: the scatter of a single use of the arm comes on top (see "
-            "the validation errors). Of positions relative to one another: an error that moves all "
-            "of them alike is left out, so notes on positions in the base may state more."
+            "This is not the accuracy of a single position: see Validation for that. It is the "
+            "uncertainty that the calibration alone adds to a position, relative to the other "
+            "positions; the scatter of a single use of the arm comes on top, and an error that "
+            "moves all positions alike is left out."
         )
         tip = CertifiedValue(budget.of, math.nan, budget.unit, budget.std, budget.factor)
         yield ValueTable("Tip", (tip,), about)
@@ -121,12 +146,12 @@ def _errors(record: Record) -> Iterator[tuple[str, Mapping[str, float | None], U
 
 def _validation(record: Record) -> Iterator[tuple[str, str]]:
     for name, after, unit in _errors(record):
-        label = "left out of the fit (validation)" if name == "validation" else "fitted"
+        label = "left out of the fit (validation)" if name == "validation" else "used in the fit"
         figures = ", ".join(
             f"{what} {text(si(after, part, unit), unit, with_unit=True)}"
             for what, part in (("RMS", "rms"), ("mean", "mean"), ("largest", "max"))
         )
-        yield f"errors of {after['count']:,} rows {label}", figures
+        yield f"errors of {after['count']:,} rows {label}, outliers in full", figures
     for row in record.get("held_out") or ():
         if row["count"]:
             yield (
@@ -136,18 +161,19 @@ def _validation(record: Record) -> Iterator[tuple[str, str]]:
             )
 
 
-def _judged(record: Record) -> Iterator[tuple[str, CertifiedValue]]:
+def _judged(
+    record: Record, rests_on: tuple[str, ...], most: float
+) -> Iterator[tuple[str, CertifiedValue]]:
     """Validation errors. Their uncertainty is how well so many rows tell a root mean square."""
     for name, after, unit in _errors(record):
         if name == "validation":
-            rms, count = si(after, "rms", unit), float(after["count"] or 1)
-            std = rms / (2.0 * count) ** 0.5
+            rms, count = si(after, "rms", unit), min(float(after["count"] or 1), most)
             yield (
                 key("validation_rms", unit),
-                CertifiedValue("RMS validation error", rms, unit, std),
+                rms_value("RMS validation error", rms, unit, count, rests_on),
             )
             largest = si(after, "max", unit)
             yield (
                 key("validation_max", unit),
-                CertifiedValue("largest validation error", largest, unit),
+                CertifiedValue("largest validation error", largest, unit, rests_on=rests_on),
             )

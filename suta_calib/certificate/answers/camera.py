@@ -10,6 +10,8 @@ from suta_calib.certificate.answer import (
     budgets,
     factor_of,
     judged_budgets,
+    not_stated,
+    rms_value,
 )
 from suta_calib.certificate.content import CertifiedValue, Content, ValueTable
 from suta_calib.certificate.poses import camera_tables
@@ -32,7 +34,6 @@ class CameraOnPaper(CertifiedAnswer):
             for where, std in (("middle", sure["middle"]), ("least sure part", sure["worst"]))
         )
         rms, corners = float(record["rms_px"]), int(record["corners"])
-        spread = rms / (2.0 * corners) ** 0.5
         return Content(
             title="Calibration of a camera",
             measurand=(
@@ -41,7 +42,8 @@ class CameraOnPaper(CertifiedAnswer):
             ),
             method=(
                 "Least squares of the reprojection errors of the corners of a board, whose pose in "
-                "each picture is unknown too (Zhang 2000, doi:10.1109/34.888718). Standard "
+                "each picture is unknown too (Zhang 2000, doi:10.1109/34.888718). No intrinsics "
+                "depend on the size of the board. Standard "
                 "uncertainties follow from the scatter of the corners (JCGM 100:2008, GUM), each "
                 "of which has an error of its own."
             ),
@@ -61,16 +63,20 @@ class CameraOnPaper(CertifiedAnswer):
                 ("part of the picture with corners", f"{100.0 * float(record['covered']):.0f} %"),
             ),
             judged={
-                **judged_budgets(found),
-                "rms_px": CertifiedValue("reprojection, RMS (2-D)", rms, "px", spread),
+                **judged_budgets(found, ()),
+                "rms_px": rms_value("reprojection, RMS (2-D)", rms, "px", corners),
                 "U_projection_px": CertifiedValue(
-                    "U of the least sure place in the picture", factor * float(sure["worst"]), "px"
+                    "U of the least sure place in the picture",
+                    factor * float(sure["worst"]),
+                    "px",
+                    rests_on=("board",),
+                    is_uncertainty=True,
                 ),
             },
-            standards=(
-                "size of the board: no intrinsics depend on it",
-                "shape of the board (flat, its corners where its file has them): its uncertainty "
-                "is not stated, and U does not include it",
+            references=(
+                not_stated(
+                    "board", "shape of the board (flat, its corners where its file has them)"
+                ),
             ),
             notes=tuple(record["verdict"]["notes"]),
         )

@@ -40,6 +40,7 @@ class ArtefactOnPaper(CertifiedAnswer):
                 "m",
                 from_mm(float(spacer["std_mm"])),
                 factor,
+                rests_on=("instrument",),
             )
             for spacer in record.get("spacers") or ()
         )
@@ -59,6 +60,8 @@ class ArtefactOnPaper(CertifiedAnswer):
                 ("one touched coordinate, standard deviation", f"{noise['sigma_mm']:.4f} mm"),
             ),
             judged={key(row.name, "m"): row for row in spacers},
-            standards=(not_stated("scale of the instrument that touched the points"),),
+            references=(
+                not_stated("instrument", "scale of the instrument that touched the points"),
+            ),
             notes=tuple(record["verdict"]["notes"]),
         )

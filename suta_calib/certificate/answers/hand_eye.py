@@ -16,7 +16,7 @@ from suta_calib.certificate.answer import (
     quantities,
     scale_of,
 )
-from suta_calib.certificate.content import CertifiedValue, Content, ValueTable
+from suta_calib.certificate.content import CertifiedValue, Content, Reference, ValueTable
 from suta_calib.certificate.poses import AXES, camera_tables, pose_of
 from suta_calib.units import stored, text
 
@@ -31,6 +31,7 @@ class HandEyeOnPaper(CertifiedAnswer):
         """Every X, every Z that was asked for, and what else was found with them."""
         found = budgets(record)
         factor = factor_of(found)
+        references = tuple(_references(record))
         poses = [
             ValueTable(title, pose_of(pose, std, factor)) for title, pose, std in _poses(record)
         ]
@@ -49,8 +50,8 @@ class HandEyeOnPaper(CertifiedAnswer):
             groups=(*poses, *_others(record, factor), *camera_tables(cameras, factor)),
             budgets=found,
             checked=tuple(_fit(record)),
-            judged={**judged_budgets(found), **judged_rms(record)},
-            standards=tuple(_scale(record)),
+            judged={**judged_budgets(found, references), **judged_rms(record)},
+            references=references,
             notes=(*_lost(record), *record["verdict"]["notes"]),
         )
 
@@ -136,27 +137,26 @@ def _fit(record: Record) -> Iterator[tuple[str, str]]:
             left_out = f"{record['reprojection_left_out_rms_px']:.3f} px"
             yield "reprojection in pictures left out in turn, RMS", left_out
         return
-    for key, unit in (("rms_mm", "m"), ("rms_deg", "rad")):
+    for key, unit, what in (("rms_mm", "m", "position"), ("rms_deg", "rad", "angle")):
         if record.get(key) is not None:
             number = float(stored(float(record[key]), unit))  # type: ignore[arg-type]
-            yield "residuals, RMS", text(number, unit, with_unit=True)  # type: ignore[arg-type]
+            yield f"residuals in {what}, RMS", text(number, unit, with_unit=True)  # type: ignore[arg-type]
 
 
-def _scale(record: Record) -> Iterator[str]:
+def _references(record: Record) -> Iterator[Reference]:
     """What gave the lengths their unit, and what of it is in the results."""
     if "profiles" in record:
-        radius = record.get("sphere_radius_mm")
-        known = "" if radius is None or record.get("sphere_radius_std_mm") else " and of the ball"
-        yield not_stated(f"lengths of the scanner{known}")
+        yield not_stated("scanner", "lengths of the scanner")
+        if record.get("sphere_radius_mm") is not None and not record.get("sphere_radius_std_mm"):
+            yield not_stated("ball", "radius of the ball")
     elif "camera_noise" in record:
-        ppm = float(record.get("assumed_scale_ppm") or 0.0)
-        yield (
-            f"{scale_of('depth camera, before the measurement', ppm)} as far as the measurement "
-            "leaves it"
-            if ppm
-            else not_stated("scale of the depth camera")
+        ppm = record.get("assumed_scale_ppm")
+        yield scale_of(
+            *("camera", ppm, "depth camera"),
+            more=" as far as the measurement leaves it",
         )
     elif "reprojection_rms_px" in record:
-        yield not_stated("size of the board")
+        yield not_stated("board", "size of the board")
     else:
-        yield scale_of("all seen lengths", record.get("scale_ppm"))
+        name = "lengths that the camera or tracker reports"
+        yield scale_of("target", record.get("scale_ppm"), name)

@@ -2,11 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Final
 
 from suta_calib.certificate.answer import CertifiedAnswer, Record, not_stated
-from suta_calib.certificate.content import CertifiedValue, Content, Decision, Outcome, ValueTable
+from suta_calib.certificate.content import (
+    CertifiedValue,
+    Content,
+    Decision,
+    Outcome,
+    Reference,
+    ValueTable,
+)
+from suta_calib.certificate.lengths import LengthUncertainty
 from suta_calib.units import from_mm
 
 # Of the answer's words.
@@ -24,13 +32,16 @@ class AcceptanceOnPaper(CertifiedAnswer):
         rows, decisions = list[CertifiedValue](), list[Decision]()
         for entry in record["characteristics"]:
             value = from_mm(float(entry["value_mm"]))
-            expanded = from_mm(float(entry["expanded_uncertainty_mm"] or 0.0))
+            stated = entry["expanded_uncertainty_mm"]
+            std = from_mm(float(stated)) / 2.0 if stated else None
             where = f"at {entry['where']}" if entry.get("where") else ""
-            rows.append(CertifiedValue(entry["symbol"], value, "m", expanded / 2.0, 2.0, where))
+            rests_on = (_reference(str(entry["symbol"])),)
+            row = CertifiedValue(entry["symbol"], value, "m", std, 2.0, where, rests_on)
+            rows.append(row)
             if entry.get("limit_mm") is not None:
                 limit = from_mm(float(entry["limit_mm"]))
                 outcome = OUTCOMES.get(str(entry["decision"]), "no decision")
-                decisions.append(Decision(entry["symbol"], value, expanded, limit, "m", outcome))
+                decisions.append(Decision(row, limit, outcome).known())
         rule = record["decision_rule"]
         return Content(
             title="Acceptance test of an articulated arm coordinate measuring machine",
@@ -48,7 +59,7 @@ class AcceptanceOnPaper(CertifiedAnswer):
             else (),
             decisions=tuple(decisions),
             rule=_rule(str(rule["kind"]), float(rule["factor"])),
-            standards=tuple(_standards(record)),
+            references=tuple(_references(rows)),
             notes=(*record.get("simplified", ()), *record["verdict"]["notes"]),
         )
 
@@ -58,22 +69,35 @@ def _rule(kind: str, factor: float) -> str:
     if kind == "simple":
         return (
             "Decision rule: simple acceptance without a guard band (ISO 14253-6). A value conforms "
-            "if its size keeps the limit, whatever its uncertainty."
+            "if |value| ≤ limit, whatever its U. Where U is not known, or lacks a source, no "
+            "decision is made."
         )
     return (
         f"Decision rule: a guard band of {factor:g} standard uncertainties (ISO 14253-1). A value "
-        "conforms if its size and the guard band together keep the limit. It does not conform if "
-        "its size less the guard band exceeds the limit. Between them no decision is made."
+        "conforms if |value| + guard band ≤ limit. It does not conform if |value| - guard band > "
+        "limit. Otherwise, and where U is not known or lacks a source, no decision is made."
     )
 
 
-def _standards(record: Record) -> Iterator[str]:
-    stated = [e["symbol"] for e in record["characteristics"] if e["expanded_uncertainty_mm"]]
-    missing = [e["symbol"] for e in record["characteristics"] if not e["expanded_uncertainty_mm"]]
-    if stated:
-        yield (
-            "artefact and what the job states of the test: their uncertainties are U of "
-            f"{', '.join(stated)}"
-        )
-    if missing:
-        yield not_stated(f"reference of {', '.join(missing)}")
+def _reference(symbol: str) -> str:
+    """Which reference a characteristic rests on."""
+    of = {"E": "artefact", "P": "sphere"}
+    return of.get(symbol.partition("_")[0], "point" if symbol.startswith("L_") else symbol)
+
+
+def _references(rows: Sequence[CertifiedValue]) -> Iterator[Reference]:
+    """Of every reference, its uncertainty in U: that of the characteristic where U is smallest."""
+    for name in dict.fromkeys(name for row in rows for name in row.rests_on):
+        mine = [row for row in rows if name in row.rests_on]
+        told = [row for row in mine if row.std is not None]
+        symbols = ", ".join(row.name for row in told)
+        if told:
+            yield Reference(
+                name,
+                f"{name} and what the job states of the test: their uncertainties are U of "
+                f"{symbols}",
+                LengthUncertainty(min(row.std or 0.0 for row in told)),
+            )
+        if missing := [row.name for row in mine if row.std is None]:
+            # Theirs is unknown as a whole.
+            yield not_stated("" if told else name, f"reference of {', '.join(missing)}")

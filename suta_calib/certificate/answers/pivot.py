@@ -28,6 +28,7 @@ class PivotOnPaper(CertifiedAnswer):
         factor = factor_of(found)
         tip = tuple(quantities(AXES, record["tip_mm"], record["tip_std_mm"], "m", factor))
         post = tuple(quantities(AXES, record["post_mm"], record["post_std_mm"], "m", factor))
+        references = (scale_of("tracker", record["scale_ppm"]),)
         counts = record["counts"]
         return Content(
             title="Pivot calibration of a tracked tool",
@@ -45,7 +46,7 @@ class PivotOnPaper(CertifiedAnswer):
                 ("residuals, RMS (3-D)", f"{record['rms_mm']:.3f} mm"),
                 ("turn of the tool, RMS in the worst direction", f"{record['turn_deg']:.1f} deg"),
             ),
-            judged={**judged_budgets(found), **judged_rms(record)},
-            standards=(scale_of("tracker", record["scale_ppm"]),),
+            judged={**judged_budgets(found, references), **judged_rms(record)},
+            references=references,
             notes=tuple(record["verdict"]["notes"]),
         )

@@ -24,6 +24,11 @@ class RegistrationOnPaper(CertifiedAnswer):
     def content(self, record: Record) -> Content:
         """The pose between two sets of points."""
         found = budgets(record)
+        references = (
+            scale_of(
+                "points", record["scale_ppm"], "factor between the lengths of both sets", "error"
+            ),
+        )
         counts = record["counts"]
         rows = pose_of(record["T_b_a"], record["std"], factor_of(found))
         return Content(
@@ -40,7 +45,7 @@ class RegistrationOnPaper(CertifiedAnswer):
                 ("points that were used", f"{counts['inliers']} of {counts['rows']}"),
                 ("residuals, RMS (3-D)", f"{record['rms_mm']:.3f} mm"),
             ),
-            judged={**judged_budgets(found), **judged_rms(record)},
-            standards=(scale_of("factor between the lengths of both sets", record["scale_ppm"]),),
+            judged={**judged_budgets(found, references), **judged_rms(record)},
+            references=references,
             notes=tuple(record["verdict"]["notes"]),
         )

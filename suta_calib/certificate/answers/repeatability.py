@@ -39,7 +39,9 @@ class RepeatabilityOnPaper(CertifiedAnswer):
             method="Visits to one point, evaluated after ISO 9283:1998, 7.2.",
             groups=tuple(groups),
             judged={key(row.name, row.unit): row for row in groups[0].quantities},
-            standards=(not_stated("kinematic model of the arm, by which lengths are known"),),
+            references=(
+                not_stated("arm", "kinematic model of the arm, by which lengths are known"),
+            ),
             notes=tuple(record["verdict"]["notes"]),
         )
 
@@ -51,4 +53,6 @@ def _figures(part: Record, confidence: float) -> Iterator[CertifiedValue]:
         value = si(part, told, "m")
         # A sample's spread has no symmetric interval: the guard band is its farther end.
         spread = max(abs(high - part[f"{told}_mm"]), abs(part[f"{told}_mm"] - low)) / 2000.0
-        yield CertifiedValue(name, value, "m", spread, 2.0, f"{part['count']} visits; {remark}")
+        yield CertifiedValue(
+            name, value, "m", spread, 2.0, f"{part['count']} visits; {remark}", ("arm",)
+        )

@@ -24,6 +24,7 @@ class RigOnPaper(CertifiedAnswer):
         """Every other camera in the first one, and the intrinsics."""
         found = budgets(record)
         factor = factor_of(found)
+        references = (scale_of("board", record["scale_ppm"]),)
         poses = [
             ValueTable(
                 f"Camera {one['eye']} in camera {one['in_eye']}",
@@ -45,7 +46,7 @@ class RigOnPaper(CertifiedAnswer):
                 ("instants at which cameras saw the board together", f"{record['instants']}"),
                 ("reprojection, RMS", f"{record['reprojection_rms_px']:.3f} px"),
             ),
-            standards=(scale_of("board", record["scale_ppm"]),),
-            judged=judged_budgets(found),
+            references=references,
+            judged=judged_budgets(found, references),
             notes=tuple(record["verdict"]["notes"]),
         )
