@@ -31,7 +31,7 @@ class StudiedJob(JobResult):
 
     Attributes:
         sets: how many the data have; 0 where the parameters drift.
-        trials: of each size, or in all.
+        trials: of each size, or in all. Both are None without an answer.
         enough: how many sets are enough; None where the curve has not levelled off.
         error_now: mean error with the most sets, or that of the calibration; None if unknown.
         unit: of that error.
@@ -50,8 +50,8 @@ class StudiedJob(JobResult):
         Column("days", "again after, days", form=".0f", optional=True),
     )
 
-    sets: int = 0
-    trials: int = 0
+    sets: int | None = None
+    trials: int | None = None
     enough: int | None = None
     error_now: float | None = None
     unit: str = ""

@@ -162,13 +162,14 @@ class FleetSummary(Displayable):
         counts, count = self.counts, len(self.results)
         good, care = f"{counts['good']:,} good", f"{counts['care']:,} with care"
         jobs = f"{count:,} {self.noun}{'s' * (count != 1)}"
-        wrong = [f"{counts['failed']:,} gave no answer"] * bool(counts["failed"])
-        wrong += [f"{counts['bad']:,} must not be used"] * bool(counts["bad"])
+        wrong = [f"{counts['failed']:,} of {jobs} gave no answer"] * bool(counts["failed"])
+        rest = "" if wrong else f" of {jobs}"
+        wrong += [f"{counts['bad']:,}{rest} must not be used"] * bool(counts["bad"])
         usable = counts["good"] + counts["care"]
         how = ", ".join([good] * bool(counts["good"]) + [care] * bool(counts["care"]))
         if wrong:
-            sentence = f"{', '.join(wrong)}; of {jobs} {usable:,} may be used"
-            sentence += f": {how}" * bool(how)
+            used = f"{usable:,} may be used: {how}" if usable else "none may be used"
+            sentence = f"{', '.join(wrong)}; {used}"
         else:
             sentence = f"{jobs}: {how}"
         return self.judged_by(sentence, {"failed": "No answer", "bad": "Bad"}, [*self._facts()])

@@ -77,7 +77,7 @@ def test_a_broken_job_stops_no_other(fleet: Path, capsys: Capture) -> None:
     assert cli("calibrate", *jobs) == 2
     out, err = capsys.readouterr()
     assert err == ""
-    said_first = "Look at 4 of 5 jobs. 4 gave no answer; of 5 jobs 1 may be used: 1 good"
+    said_first = "Look at 4 of 5 jobs. 4 of 5 jobs gave no answer; 1 may be used: 1 good"
     assert out.startswith(said_first)
     assert "No answer: r1, r2, r3, empty." in out
     assert "Written to .: summary.csv, summary.json" in out
