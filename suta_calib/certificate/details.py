@@ -78,7 +78,7 @@ def _uncertainty(section: YamlSection, name: str) -> StatedUncertainty:
 
 ONE_DAY: Final = Value("day", lambda section, name: _days(section, name, 1))
 DAYS: Final = Value("day, or two", lambda section, name: _days(section, name, 2))
-DAY: Final = re.compile(r"\d{4}-\d{2}-\d{2}")
+DAY: Final = re.compile(r"[0-9]{4}-[0-9]{2}-[0-9]{2}")
 
 
 @dataclass(frozen=True)

@@ -18,7 +18,7 @@ OTHERS: Final = (
     *("N", "Pa", "hPa", "s", "px"),
 )
 EXPECTED: Final = "an uncertainty such as 2 um (k = 2), or 15 um + 6 um/m (k = 2)"
-NUMBER: Final = r"\d+(?:\.\d+)?(?:e[-+]?\d+)?"
+NUMBER: Final = r"[0-9]+(?:\.[0-9]+)?(?:e[-+]?[0-9]+)?"
 TERM: Final = re.compile(rf"({NUMBER})\s*(\S+)")
 FACTOR: Final = re.compile(rf"(.*?)\s*\(\s*k\s*=\s*({NUMBER})\s*\)")
 

@@ -455,6 +455,7 @@ def test_a_rule_without_a_guard_band_is_stated(
         ("standards:\n  - name: a\n    uncertainty: 15 bananas\n", "d.yaml:3"),
         ("standards: [{name: a, uncertainty: 15}]\n", "put it in quotes"),
         ("standards: [{name: a, uncertainty: -2 um}]\n", "2 um (k = 2)"),
+        ("standards: [{name: a, uncertainty: \u0663 um}]\n", "2 um (k = 2)"),
         ("standards: [{name: a, uncertainty: 2 um (k = 0)}]\n", "k from 1 to 20"),
         ("standards: [{name: a, uncertainty: 2 um + 1 K}]\n", "15 um + 6 um/m (k = 2)"),
         ("standards:\n  - name: a\n    of: moon\n", "d.yaml:3"),

@@ -49,7 +49,10 @@ class RepeatabilityOnPaper(CertifiedAnswer):
 def _figures(part: Record, confidence: float) -> Iterator[CertifiedValue]:
     for name, told in (("RP", "rp"), ("RMS", "rms")):
         low, high = part[f"{told}_interval_mm"]
-        remark = f"{confidence:.0f} % confidence interval {low:.3f} to {high:.3f} mm"
+        remark = (
+            f"{confidence:.0f} % confidence interval {low:.3f} to {high:.3f} mm, "
+            "U is its farther side"
+        )
         value = si(part, told, "m")
         # A sample's spread has no symmetric interval: the guard band is its farther end.
         spread = max(abs(high - part[f"{told}_mm"]), abs(part[f"{told}_mm"] - low)) / 2000.0
