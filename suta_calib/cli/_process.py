@@ -95,7 +95,7 @@ def end_by_sigterm() -> None:
 
 def say_interrupted() -> int:
     """What whoever interrupted a command is told; the exit code."""
-    by = "ended by SIGTERM" if _terminated.is_set() else "interrupted"
+    by = "interrupted by SIGTERM" if _terminated.is_set() else "interrupted"
     print(f"{PROGRAM}: {by}; no incomplete files were left", file=sys.stderr, flush=True)
     return TERMINATED if _terminated.is_set() else INTERRUPTED
 

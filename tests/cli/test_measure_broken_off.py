@@ -75,7 +75,7 @@ def test_broken_off_what_was_confirmed_stays_and_is_told(bench: Bench, how: sign
             assert process.poll() is None
         process.send_signal(how)
         out, err = process.communicate(timeout=120)
-    assert process.returncode == 130
+    assert process.returncode == 128 + how
     found = json.loads(out)
     assert (found["status"], found["samples"], found["missing"]) == ("interrupted", 1, ["M1"])
     assert "interrupted" in err

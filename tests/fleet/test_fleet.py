@@ -311,7 +311,7 @@ def test_sigterm_leaves_a_summary_of_what_is_done(
     _, err = running.communicate()
     assert running.returncode == 143, err
     assert "of 4 jobs are done; continue with --resume" in err
-    assert "ended by SIGTERM" in err
+    assert "interrupted by SIGTERM" in err
     assert "leaked" not in err
     assert "Traceback" not in err
 
