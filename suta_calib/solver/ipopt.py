@@ -123,11 +123,18 @@ def _run(
     solver: Any, where: Mapping[str, FloatArray], shared: _Shared | None = None
 ) -> tuple[dict[str, Any], dict[str, Any]]:
     """What IPOPT answers and how it went."""
-    answer = solver(**where)
+    answer, odd = dict[str, Any](), None
+    try:
+        answer = solver(**where)
+    except SystemError as error:
+        # CasADi 3.7.0 answers with an error of its own still set after an interrupt.
+        odd = error
     stats = solver.stats()
     if str(stats["return_status"]) == _INTERRUPTED:
         # CasADi swallows what is raised inside a solve, Ctrl-C among it.
         raise (shared and shared.error) or KeyboardInterrupt
+    if odd is not None:
+        raise odd
     return answer, stats
 
 
