@@ -46,6 +46,8 @@ PLAIN = {"points"}
 # What else is called like a kind: a command's module, its pictures, a table that is shipped, a key
 # of a summary, an attribute of MJCF, the direction of gravity.
 OTHERS = {
+    # An element of the Digital Calibration Certificate.
+    "certificate/dcc.py": {"contact"},
     "cli/_app.py": {"suta_calib.cli.hand_eye"},
     "demo/__init__.py": {"data/poses/hand_eye.csv"},
     "exchange/mjcf_child.py": {"range"},
