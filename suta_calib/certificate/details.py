@@ -14,7 +14,7 @@ from suta_calib.certificate.lengths import (
     LENGTHS,
     OTHERS,
     PER_LENGTH,
-    StatedUncertainty,
+    StandardsUncertainty,
     stated_uncertainty,
 )
 from suta_calib.display import Displayable
@@ -66,7 +66,7 @@ def _days(section: YamlSection, name: str, most: int) -> str:
     return text
 
 
-def _uncertainty(section: YamlSection, name: str) -> StatedUncertainty:
+def _uncertainty(section: YamlSection, name: str) -> StandardsUncertainty:
     text = section.text(name)
     try:
         return stated_uncertainty(text)
@@ -108,7 +108,7 @@ class Standard(Displayable):
     serial: str = keyed(TEXT, "Its serial number.", "")
     certificate: str = keyed(TEXT, "Number and date of its own certificate.", "")
     issued_by: str = keyed(TEXT, "Who issued that.", "")
-    uncertainty: StatedUncertainty | None = keyed(
+    uncertainty: StandardsUncertainty | None = keyed(
         Value("uncertainty", _uncertainty),
         "Its uncertainty, as that certificate states it: 2 um (k = 2), or 15 um + 6 um/m (k = 2). "
         "Without k it is a standard uncertainty.",

@@ -47,7 +47,7 @@ class LengthUncertainty(Displayable):
 
 
 @dataclass(frozen=True)
-class StatedUncertainty(Displayable):
+class StandardsUncertainty(Displayable):
     """What a certificate of a standard states.
 
     Attributes:
@@ -59,7 +59,7 @@ class StatedUncertainty(Displayable):
     std: LengthUncertainty | None
 
 
-def stated_uncertainty(text: str) -> StatedUncertainty:
+def stated_uncertainty(text: str) -> StandardsUncertainty:
     """Read such a text; one without ``(k = …)`` counts as a standard uncertainty.
 
     Raises:
@@ -85,4 +85,6 @@ def stated_uncertainty(text: str) -> StatedUncertainty:
         per_length += size * PER_LENGTH.get(unit, 0.0) / factor
     if len(units) > 1:
         raise ValueError(text)
-    return StatedUncertainty(text, LengthUncertainty(constant, per_length) if "" in units else None)
+    return StandardsUncertainty(
+        text, LengthUncertainty(constant, per_length) if "" in units else None
+    )

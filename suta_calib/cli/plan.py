@@ -80,10 +80,10 @@ def plan(job: tuple[Path, ...], **asked: Any) -> Document:
         pool=planning.Pool(most_tilt=from_deg(asked["tilt"])),
     )
     # Loads what the help does not need.
-    from suta_calib.fleet import Plan
+    from suta_calib.fleet import PlanNext
 
     same = ("purpose", "chain", "count", "candidates", "region", "seed")
-    work = Plan(options=options, **{name: asked[name] for name in same})
+    work = PlanNext(options=options, **{name: asked[name] for name in same})
     if are_many(click.get_current_context().params):
         return answer_of_many(work, "planning")
     return answer_of_one(work)

@@ -9,8 +9,8 @@ from .following import follow_robots as follow_robots
 from .jobs import FleetJob as FleetJob
 from .jobs import common_folder as common_folder
 from .jobs import fleet_jobs as fleet_jobs
-from .planning import Plan as Plan
 from .planning import PlannedJob as PlannedJob
+from .planning import PlanNext as PlanNext
 from .robots import FleetRobot as FleetRobot
 from .robots import read_robots as read_robots
 from .running import FleetInterrupted as FleetInterrupted

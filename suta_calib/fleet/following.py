@@ -96,7 +96,7 @@ def follow_robots(
     if dask is not None:
         work, robots = work.elsewhere(), [robot.absolute() for robot in robots]
     with seats(min(workers, len(robots)), dask) as submits:
-        places = [_Place(submit) for submit in submits]
+        places = [_Worker(submit) for submit in submits]
         followed = [_Following(work, robot, k, places) for k, robot in enumerate(robots)]
         last = False
         while not over() and not all(robot.done for robot in followed):
@@ -126,7 +126,7 @@ def follow_robots(
 
 
 @dataclass(frozen=True, eq=False)
-class _Place:
+class _Worker:
     """A process where robots are worked on, and those that wait for it, the first one first."""
 
     submit: Submit
@@ -137,7 +137,7 @@ class _Following:
     """One robot, as the process that knows of all sees it."""
 
     def __init__(
-        self, work: CheckRobots, robot: FleetRobot, number: int, places: Sequence[_Place]
+        self, work: CheckRobots, robot: FleetRobot, number: int, places: Sequence[_Worker]
     ) -> None:
         self._work, self._robot, self._number, self._places = work, robot, number, places
         self._row: JobResult | None = None

@@ -82,7 +82,7 @@ class PlannedJob(JobResult):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Plan(JobWork):
+class PlanNext(JobWork):
     """What ``suta-calib plan`` does to a job.
 
     Attributes:

@@ -18,7 +18,7 @@ import pytest
 from cli_job import Capture, answer, cli, refused
 from fleet_folders import contents, jobs_in
 
-from suta_calib.fleet import JobResult, Plan, Study, Task, run_jobs, workers
+from suta_calib.fleet import JobResult, PlanNext, Study, Task, run_jobs, workers
 from suta_calib.fleet.running import begun
 
 CANDIDATES = """\
@@ -119,7 +119,7 @@ def test_processes_are_shared_between_few_jobs(
 
 
 def test_elsewhere_a_plan_finds_its_files(robots: Path) -> None:
-    plan = Plan(count=2, candidates=Path("candidates.yaml")).elsewhere()
+    plan = PlanNext(count=2, candidates=Path("candidates.yaml")).elsewhere()
     assert (plan.count, plan.candidates) == (2, robots / "candidates.yaml")
 
 
